@@ -1,0 +1,36 @@
+# Two commands do all set-up on a machine that has only Python >= 3.11 and make:
+#   make demo    recorded contours to meshes, canonical shapes and names
+#   make test    the whole test suite
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
+.PHONY: demo test lint clean
+
+demo: $(VENV)/runtime
+	$(BIN)/momrec demo --output demo
+
+test: $(VENV)/development
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/development
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+clean:
+	rm -rf $(VENV) demo build install log
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/runtime: setup.py pyproject.toml | $(BIN)/python
+	$(PIP) --editable .
+	touch $@
+
+$(VENV)/development: setup.py pyproject.toml | $(BIN)/python
+	$(PIP) --editable '.[ros,test]'
+	touch $@ $(VENV)/runtime

@@ -1,0 +1,30 @@
+"""momrec_core: from silhouettes and camera poses to meshes, canonical shapes and classes.
+
+The library knows geometry and nothing else: no ROS, no bag, no plotting, no command line.
+"""
+
+from momrec_core.camera import Camera
+from momrec_core.errors import (
+    DegenerateShapeError,
+    EmptyHullError,
+    InvalidCameraError,
+    InvalidContourError,
+    ModelFormatError,
+    MomrecError,
+    NoCommonLineError,
+)
+from momrec_core.silhouette import silhouette_of_mesh
+from momrec_core.view import View
+
+__all__ = [
+    "Camera",
+    "DegenerateShapeError",
+    "EmptyHullError",
+    "InvalidCameraError",
+    "InvalidContourError",
+    "ModelFormatError",
+    "MomrecError",
+    "NoCommonLineError",
+    "View",
+    "silhouette_of_mesh",
+]

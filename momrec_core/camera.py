@@ -1,0 +1,202 @@
+"""Calibrated cameras: where they stand and how they project."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from momrec_core.errors import InvalidCameraError
+
+__all__ = ["Camera", "check_pose"]
+
+ROTATION_TOLERANCE = 1e-6  # design.md: what a pose computed in float32 may be off from a rotation
+
+
+def check_pose(pose: ArrayLike) -> NDArray[np.float64]:
+    """Validate a rigid motion and make its rotation exact.
+
+    Parameters
+    ----------
+    pose : array-like, shape (4, 4)
+        Homogeneous matrix ``[R t; 0 1]``, R a rotation within 1e-6, t in metres.
+
+    Returns
+    -------
+    pose : array, shape (4, 4)
+        The same motion with R replaced by the nearest rotation (orthogonal polar factor).
+
+    Raises
+    ------
+    InvalidCameraError
+        If the matrix has another shape, is not finite, or is no rigid motion.
+    """
+    try:
+        pose = np.array(pose, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidCameraError(f"Expected a pose of shape (4, 4), got {pose!r}") from error
+    if pose.shape != (4, 4):
+        raise InvalidCameraError(f"Expected a pose of shape (4, 4), got shape {pose.shape}")
+    if not np.isfinite(pose).all():
+        raise InvalidCameraError("Expected a finite pose, got NaN or infinity in it")
+    if not np.allclose(pose[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=ROTATION_TOLERANCE):
+        raise InvalidCameraError(f"Expected [0, 0, 0, 1] as the pose's last row, got {pose[3]}")
+    rotation = pose[:3, :3]
+    deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    determinant = np.linalg.det(rotation)
+    if deviation > 2 * ROTATION_TOLERANCE or determinant < 0:
+        raise InvalidCameraError(
+            "Expected a rotation in the pose (R R^T = 1 within 1e-6, det R = 1), got one that "
+            f"deviates by {deviation:.3g} with determinant {determinant:.6g}"
+        )
+    left, _, right = np.linalg.svd(rotation)
+    pose[:3, :3] = left @ right
+    pose[3] = 0.0, 0.0, 0.0, 1.0
+    return pose
+
+
+def _check_intrinsics(K: ArrayLike) -> NDArray[np.float64]:
+    try:
+        K = np.array(K, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidCameraError(f"Expected K of shape (3, 3), got {K!r}") from error
+    if K.shape != (3, 3):
+        raise InvalidCameraError(f"Expected K of shape (3, 3), got shape {K.shape}")
+    if not np.isfinite(K).all():
+        raise InvalidCameraError("Expected a finite K, got NaN or infinity in it")
+    lower = K[[1, 2, 2], [0, 0, 1]]
+    if np.abs(lower).max() > ROTATION_TOLERANCE * np.abs(K).max() or K[2, 2] == 0:
+        raise InvalidCameraError(f"Expected an upper triangular K with K[2, 2] = 1, got\n{K}")
+    K = np.triu(K / K[2, 2])
+    if min(abs(K[0, 0]), abs(K[1, 1])) < np.finfo(np.float64).eps * np.abs(K).max():
+        raise InvalidCameraError(
+            f"Expected focal lengths other than zero, got {K[0, 0]:.6g} and {K[1, 1]:.6g}"
+        )
+    return K
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A calibrated camera, made with `Camera.orthographic` or `Camera.pinhole`.
+
+    Attributes
+    ----------
+    pose : array, shape (4, 4)
+        The optical frame in the world, ``world_from_camera``: x right, y down, z forward
+        (REP 103); translation in metres.
+    K : array, shape (3, 3), or None
+        Intrinsic matrix in pixels of a pinhole camera; None for parallel projection, whose
+        image coordinates are the optical frame's x and y in metres.
+    """
+
+    pose: NDArray[np.float64]
+    K: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", check_pose(self.pose))
+        if self.K is not None:
+            object.__setattr__(self, "K", _check_intrinsics(self.K))
+
+    @classmethod
+    def orthographic(cls, pose: ArrayLike) -> Camera:
+        """Make a camera of parallel projection along its z axis, as in the paper.
+
+        Parameters
+        ----------
+        pose : array-like, shape (4, 4)
+            The optical frame in the world; a rotation within 1e-6, then made exact.
+
+        Raises
+        ------
+        InvalidCameraError
+            If the pose is no rigid motion.
+        """
+        return cls(check_pose(pose))
+
+    @classmethod
+    def pinhole(cls, pose: ArrayLike, K: ArrayLike) -> Camera:
+        """Make a camera of central projection.
+
+        Parameters
+        ----------
+        pose : array-like, shape (4, 4)
+            The optical frame in the world; a rotation within 1e-6, then made exact.
+        K : array-like, shape (3, 3)
+            Upper triangular intrinsic matrix, in pixels with pixel centres at integers. Skew and
+            a mirroring (negative) focal length are allowed. The identity stands for normalised
+            image coordinates.
+
+        Raises
+        ------
+        InvalidCameraError
+            If the pose is no rigid motion or K no intrinsic matrix.
+        """
+        return cls(check_pose(pose), _check_intrinsics(K))
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether the projection is central."""
+        return self.K is not None
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """Axes of the optical frame as columns, in the world; shape (3, 3)."""
+        return self.pose[:3, :3]
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Origin of the optical frame in the world, metres; shape (3,)."""
+        return self.pose[:3, 3]
+
+    def project(
+        self, points_world: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Project points into the image.
+
+        Parameters
+        ----------
+        points_world : array-like, shape (n, 3)
+            Points in the world, metres.
+
+        Returns
+        -------
+        points_image : array, shape (n, 2)
+            Metres for parallel projection, pixels for central projection; not finite where a
+            pinhole's depth is zero.
+        depths : array, shape (n,)
+            Distance along the optical axis, metres; negative behind the camera.
+        """
+        points_camera = (np.asarray(points_world, dtype=np.float64) - self.position) @ self.rotation
+        depths = points_camera[:, 2]
+        if self.K is None:
+            return points_camera[:, :2], depths
+        with np.errstate(divide="ignore", invalid="ignore"):
+            homogeneous = points_camera @ self.K.T
+            return homogeneous[:, :2] / depths[:, None], depths
+
+    def rays_camera(self, points_image: ArrayLike) -> NDArray[np.float64]:
+        """Return the points of the plane z = 1 of the optical frame behind image points.
+
+        Parameters
+        ----------
+        points_image : array-like, shape (n, 2)
+            Pixels of a pinhole camera.
+
+        Returns
+        -------
+        rays : array, shape (n, 3)
+            In the optical frame, third component 1.
+
+        Raises
+        ------
+        InvalidCameraError
+            If the projection is parallel, which has no bundle of rays.
+        """
+        if self.K is None:
+            raise InvalidCameraError("Expected a pinhole camera, got one of parallel projection")
+        points = np.asarray(points_image, dtype=np.float64)
+        homogeneous = np.column_stack([points, np.ones(len(points))])
+        rays: NDArray[np.float64] = np.linalg.solve(self.K, homogeneous.T).T
+        rays[:, 2] = 1.0
+        return rays
