@@ -13,6 +13,7 @@ from momrec_core.errors import (
     MomrecError,
     NoCommonLineError,
 )
+from momrec_core.moments import surface_moments
 from momrec_core.silhouette import silhouette_of_mesh
 from momrec_core.view import View
 
@@ -27,4 +28,5 @@ __all__ = [
     "NoCommonLineError",
     "View",
     "silhouette_of_mesh",
+    "surface_moments",
 ]

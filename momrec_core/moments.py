@@ -1,0 +1,154 @@
+"""Surface moments of triangle meshes: section 3 of the paper."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import roots_jacobi
+
+from momrec_core.errors import DegenerateShapeError
+
+if TYPE_CHECKING:
+    import trimesh
+    from numpy.typing import NDArray
+
+__all__ = ["surface_moments", "triangles_of"]
+
+POINTS_AT_ONCE = 8192  # so that the powers of one chunk stay in a processor's cache
+PRODUCTS_AT_ONCE = 2048  # BLAS takes narrow products this short in one go, threefold faster
+MAX_ORDER = 64  # beyond it, powers of coordinates say nothing that float64 could hold
+
+
+def triangles_of(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
+    """Return the corners of a mesh's faces and make sure that they are numbers.
+
+    Parameters
+    ----------
+    mesh : Trimesh
+        Any triangle mesh.
+
+    Returns
+    -------
+    triangles : array, shape (n, 3, 3)
+        Faces, corners, coordinates; in the mesh's frame and unit. A copy.
+
+    Raises
+    ------
+    DegenerateShapeError
+        If there is no face, or a face has a corner that is not finite.
+    """
+    if len(mesh.faces) == 0:
+        raise DegenerateShapeError("Expected a mesh with faces, got none")
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    triangles: NDArray[np.float64] = vertices[np.asarray(mesh.faces)]
+    if not np.isfinite(triangles).all():
+        bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
+        raise DegenerateShapeError(
+            f"Expected finite vertices, got NaN or infinity in {bad} of {len(triangles)} faces"
+        )
+    return triangles
+
+
+def surface_moments(mesh: trimesh.Trimesh, order: int = 5) -> NDArray[np.float64]:
+    """Integrate x^i y^j z^k over the surface of a mesh, for all i + j + k <= order.
+
+    Parameters
+    ----------
+    mesh : Trimesh
+        Any triangle mesh; need not be closed. Winding plays no part.
+    order : int
+        The highest i + j + k, 0 to 64.
+
+    Returns
+    -------
+    moments : array, shape (order + 1, order + 1, order + 1)
+        ``moments[i, j, k]`` in the mesh's unit to the power i + j + k + 2, about the origin of
+        its frame; zero where i + j + k > order.
+
+    Raises
+    ------
+    DegenerateShapeError
+        If the mesh has no face, a vertex that is not finite, no area, or is so large that the
+        moments are not finite.
+
+    Notes
+    -----
+    Equation 3 of the paper, without its restriction to faces that are graphs over the x-y plane:
+    a Gauss rule on the triangle (conical product, positive weights) that is exact for polynomials
+    of the degree ``order``, so the moments are exact up to rounding.
+
+    References
+    ----------
+    Stroud, A. H. (1971). Approximate calculation of multiple integrals, section 2.6.
+    """
+    if not 0 <= order <= MAX_ORDER:
+        raise ValueError(f"Expected an order from 0 to {MAX_ORDER}, got {order}")
+    corners = np.ascontiguousarray(triangles_of(mesh).transpose(2, 1, 0))
+    barycentric, weights = _conical_product_rule(order)
+    faces_at_once = max(1, POINTS_AT_ONCE // len(weights))
+    rows = [(i, j) for j in range(order + 1) for i in range(order + 1 - j)]
+    sums = np.zeros((len(rows), order + 1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for start in range(0, corners.shape[2], faces_at_once):
+            chunk = corners[:, :, start : start + faces_at_once]
+            points = (barycentric @ chunk).reshape(3, -1)
+            sums += _power_sums(points, np.outer(weights, _areas(chunk)).ravel(), order)
+    moments = np.zeros((order + 1,) * 3)
+    moments[tuple(np.transpose(rows))] = sums
+    moments[np.indices(moments.shape).sum(axis=0) > order] = 0.0
+    if not np.isfinite(moments).all() or moments[0, 0, 0] <= 0:
+        raise DegenerateShapeError(
+            f"Expected a surface with an area and finite moments up to order {order}, got area "
+            f"{moments[0, 0, 0]:.6g}"
+        )
+    return moments
+
+
+def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the areas of triangles given as (coordinates, corners, faces)."""
+    (ux, uy, uz), (vx, vy, vz) = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas: NDArray[np.float64] = 0.5 * np.sqrt(
+        (uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2
+    )
+    return areas
+
+
+def _conical_product_rule(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return barycentric points (n, 3) and weights (n,), sum 1, exact up to a degree."""
+    points = degree // 2 + 1
+    u, weights_u = roots_jacobi(points, 1.0, 0.0)
+    v, weights_v = roots_jacobi(points, 0.0, 0.0)
+    first = np.repeat((1.0 + u) / 2.0, points)
+    second = (1.0 - first) * np.tile((1.0 + v) / 2.0, points)
+    weights = np.outer(weights_u, weights_v).ravel()
+    barycentric = np.column_stack([1.0 - first - second, first, second])
+    return barycentric, weights / weights.sum()
+
+
+def _power_sums(
+    points: NDArray[np.float64], weights: NDArray[np.float64], order: int
+) -> NDArray[np.float64]:
+    """Sum w x^i y^j z^k over points (3, n) as one matrix product, (w x^i y^j) by (z^k).
+
+    Rows run over j = 0 ... order and, within, i = 0 ... order - j; columns over k.
+    """
+    x, y, z = points
+    sizes = np.arange(order + 1, 0, -1)  # j = 0 has i = 0 ... order, j = order has i = 0
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    left = np.empty((starts[-1], len(weights)))
+    right = np.empty((order + 1, len(weights)))
+    left[0] = weights
+    right[0] = 1.0
+    for power in range(1, order + 1):
+        np.multiply(left[power - 1], x, out=left[power])
+        np.multiply(right[power - 1], z, out=right[power])
+    for j in range(1, order + 1):
+        start, size = starts[j], sizes[j]
+        below = left[starts[j - 1] : starts[j - 1] + size]
+        np.multiply(below, y, out=left[start : start + size])
+    sums = np.zeros((len(left), len(right)))
+    for start in range(0, len(weights), PRODUCTS_AT_ONCE):
+        columns = slice(start, start + PRODUCTS_AT_ONCE)
+        sums += left[:, columns] @ right[:, columns].T
+    return sums
