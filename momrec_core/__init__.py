@@ -4,6 +4,7 @@ The library knows geometry and nothing else: no ROS, no bag, no plotting, no com
 """
 
 from momrec_core.camera import Camera
+from momrec_core.coverage import Coverage, coverage
 from momrec_core.errors import (
     DegenerateShapeError,
     EmptyHullError,
@@ -19,6 +20,7 @@ from momrec_core.view import View
 
 __all__ = [
     "Camera",
+    "Coverage",
     "DegenerateShapeError",
     "EmptyHullError",
     "InvalidCameraError",
@@ -27,6 +29,7 @@ __all__ = [
     "MomrecError",
     "NoCommonLineError",
     "View",
+    "coverage",
     "silhouette_of_mesh",
     "surface_moments",
 ]
