@@ -1,0 +1,141 @@
+"""Where the contours of two adjacent layers touch or cross, seen along the planes' normal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+__all__ = ["Contacts", "Edges", "find_contacts"]
+
+TOUCH = 1e-9  # units: ten times below the layers' cleaning, so that no two vertices touch one
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """Edges of closed rings, in the plane.
+
+    Attributes
+    ----------
+    starts, ends : array, shape (n, 2)
+        Edge k runs from ``starts[k]`` to ``ends[k]``; each vertex is the start of one edge.
+    """
+
+    starts: NDArray[np.float64]
+    ends: NDArray[np.float64]
+
+    @classmethod
+    def of_rings(cls, rings: list[NDArray[np.float64]]) -> Edges:
+        """Join the edges of rings, each shape (n_i, 2), in their order."""
+        if not rings:
+            return cls(np.empty((0, 2)), np.empty((0, 2)))
+        ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+        return cls(np.concatenate(rings), ends)
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Points that two sets of edges have in common.
+
+    Attributes
+    ----------
+    below, above : array of int, shape (n,)
+        The edges that meet.
+    below_at, above_at : array, shape (n,)
+        Where on the edge, 0 to 1; exactly 0 where the contact is the edge's first vertex.
+    points : array, shape (n, 2)
+    """
+
+    below: NDArray[np.int64]
+    above: NDArray[np.int64]
+    below_at: NDArray[np.float64]
+    above_at: NDArray[np.float64]
+    points: NDArray[np.float64]
+
+
+def find_contacts(below: Edges, above: Edges) -> Contacts:
+    """Find where two sets of edges share a vertex, touch, or cross.
+
+    Vertices within `TOUCH` of each other or of an edge count as on it, so that edges that
+    coincide but for rounding are found to share their ends.
+    """
+    empty = np.empty(0, dtype=np.int64)
+    if not len(below.starts) or not len(above.starts):
+        return Contacts(empty, empty, np.empty(0), np.empty(0), np.empty((0, 2)))
+    distance, partner = KDTree(above.starts).query(below.starts, distance_upper_bound=TOUCH)
+    shared = np.flatnonzero(np.isfinite(distance))
+    lower, upper = _near(below, above)
+    parts = [
+        (shared, partner[shared], np.zeros(len(shared)), np.zeros(len(shared))),
+        _vertices_on_edges(below, above, lower, upper),
+        _swapped(_vertices_on_edges(above, below, upper, lower)),
+        _crossings(below, above, lower, upper),
+    ]
+    first, second, first_at, second_at = (np.concatenate(part) for part in zip(*parts, strict=True))
+    points = below.starts[first] + first_at[:, None] * (below.ends - below.starts)[first]
+    on_upper = (second_at == 0) & (first_at > 0)
+    points[on_upper] = above.starts[second[on_upper]]
+    return Contacts(first, second, first_at, second_at, points)
+
+
+_EdgePairs = tuple[
+    NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]
+]
+
+
+def _swapped(contacts: _EdgePairs) -> _EdgePairs:
+    first, second, first_at, second_at = contacts
+    return second, first, second_at, first_at
+
+
+def _near(below: Edges, above: Edges) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pairs of edges whose boxes meet."""
+    low1 = np.minimum(below.starts, below.ends) - TOUCH
+    high1 = np.maximum(below.starts, below.ends) + TOUCH
+    low2, high2 = np.minimum(above.starts, above.ends), np.maximum(above.starts, above.ends)
+    meet = (low1[:, None, 0] <= high2[None, :, 0]) & (high1[:, None, 0] >= low2[None, :, 0])
+    meet &= (low1[:, None, 1] <= high2[None, :, 1]) & (high1[:, None, 1] >= low2[None, :, 1])
+    lower, upper = np.nonzero(meet)
+    return lower, upper
+
+
+def _along_and_beside(
+    points: NDArray[np.float64], starts: NDArray[np.float64], ends: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return positions along segments in lengths, signed distances from their lines, lengths."""
+    spans = ends - starts
+    lengths = np.maximum(np.hypot(*spans.T), np.finfo(np.float64).tiny)
+    tangents = spans / lengths[:, None]
+    x, y = (points - starts).T
+    return x * tangents[:, 0] + y * tangents[:, 1], tangents[:, 0] * y - tangents[:, 1] * x, lengths
+
+
+def _vertices_on_edges(
+    vertices: Edges, edges: Edges, which: NDArray[np.int64], on: NDArray[np.int64]
+) -> _EdgePairs:
+    """Find the first vertices of edges of one set that lie inside edges of the other."""
+    along, beside, lengths = _along_and_beside(
+        vertices.starts[which], edges.starts[on], edges.ends[on]
+    )
+    inside = (np.abs(beside) <= TOUCH) & (along > TOUCH) & (along < lengths - TOUCH)
+    position = along[inside] / lengths[inside]
+    return which[inside], on[inside], np.zeros(len(position)), position
+
+
+def _crossings(
+    below: Edges, above: Edges, lower: NDArray[np.int64], upper: NDArray[np.int64]
+) -> _EdgePairs:
+    """Find the pairs of edges that cross away from their ends."""
+    segments = below.starts[lower], below.ends[lower]
+    others = above.starts[upper], above.ends[upper]
+    _, start1, _ = _along_and_beside(segments[0], *others)
+    _, end1, _ = _along_and_beside(segments[1], *others)
+    _, start2, _ = _along_and_beside(others[0], *segments)
+    _, end2, _ = _along_and_beside(others[1], *segments)
+    clear = np.min(np.abs([start1, end1, start2, end2]), axis=0) > TOUCH
+    cross = clear & (start1 * end1 < 0) & (start2 * end2 < 0)
+    at1 = start1[cross] / (start1[cross] - end1[cross])
+    at2 = start2[cross] / (start2[cross] - end2[cross])
+    return lower[cross], upper[cross], at1, at2

@@ -1,0 +1,407 @@
+"""Where viewing volumes meet a family of parallel planes (section 2 of the paper).
+
+Everything here is in the planes' frame, in units of the region of interest (`PlaneFamily.unit`
+metres), so that tolerances and Clipper2's fixed precision mean the same for a coin and a car.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import manifold3d
+import numpy as np
+from manifold3d import CrossSection
+from numpy.typing import NDArray
+
+from momrec_core.camera import Camera
+from momrec_core.view import View
+
+__all__ = [
+    "PlaneFamily",
+    "clip_sections",
+    "common_line",
+    "initial_sections",
+    "viewing_direction",
+    "viewing_region",
+]
+
+MIN_ANGLE = np.radians(1.0)  # between viewing directions: below, depth is noise times 60 and more
+STRIP_COSINE = 1e-5  # of direction and normal: below, the volume is one of strips to 1e-5 units
+CENTRE_DISTANCE = 1e-7  # units: a plane nearer to a camera centre is taken as if this far from it
+REGION_FACTOR = 3.0  # safety on the size that two views suggest, for cones that meet far outside
+EVEN_ODD = manifold3d.FillRule.EvenOdd
+
+
+def viewing_direction(view: View) -> NDArray[np.float64]:
+    """Return the unit vector in the world from the camera towards the silhouette's middle.
+
+    For parallel projection that is the optical axis. A pinhole's optical axis says nothing about
+    where the object is seen from when the object is off the image's middle, so the ray through
+    the middle of the silhouette's bounding box stands for it.
+    """
+    camera = view.camera
+    if not camera.is_pinhole:
+        return camera.rotation[:, 2]
+    left, low, right, high = view.silhouette.bounds
+    ray = camera.rotation @ camera.rays_camera([[(left + right) / 2, (low + high) / 2]])[0]
+    return np.asarray(ray / np.linalg.norm(ray))
+
+
+def common_line(first: View, second: View) -> NDArray[np.float64] | None:
+    """Return the unit direction of the line that two views' image planes share.
+
+    Returns
+    -------
+    direction : array, shape (3,), or None
+        In the world; None where the views see the object from the same or the opposite side
+        (within one degree), so that their image planes share no line to speak of.
+    """
+    normal = np.cross(viewing_direction(first), viewing_direction(second))
+    sine = np.linalg.norm(normal)
+    return np.asarray(normal / sine) if sine > np.sin(MIN_ANGLE) else None
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneFamily:
+    """Parallel planes and the region of space in which they are of interest.
+
+    Attributes
+    ----------
+    frame : array, shape (4, 4)
+        Pose of the planes' frame in the world, ``world_from_planes``; z is the planes' normal,
+        the origin the region's centre; metres.
+    unit : float
+        Radius of the region of interest, metres: lengths in `offsets` and sections count in it.
+    low, high : float
+        The hull lies between these offsets, in units.
+    offsets : array, shape (n,)
+        Positions of the planes along the normal, in units, increasing: the centres of n equal
+        slabs between `low` and `high`.
+    """
+
+    frame: NDArray[np.float64]
+    unit: float
+    low: float
+    high: float
+    offsets: NDArray[np.float64]
+
+    @classmethod
+    def spread(
+        cls, frame: NDArray[np.float64], unit: float, low: float, high: float, count: int
+    ) -> PlaneFamily:
+        """Place `count` planes at the centres of equal slabs between two offsets."""
+        offsets = low + (high - low) * (np.arange(count) + 0.5) / count
+        return cls(frame, unit, low, high, offsets)
+
+    @property
+    def spacing(self) -> float:
+        """Distance between adjacent planes, in units."""
+        return (self.high - self.low) / len(self.offsets)
+
+    def to_planes(self, points_world: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points in the planes' frame, in units; shape (..., 3)."""
+        return (points_world - self.frame[:3, 3]) @ self.frame[:3, :3] / self.unit
+
+    def to_world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points of the planes' frame (units) in the world, metres; shape (..., 3)."""
+        return points * self.unit @ self.frame[:3, :3].T + self.frame[:3, 3]
+
+    def recentred(
+        self, low: NDArray[np.float64], high: NDArray[np.float64], count: int
+    ) -> PlaneFamily:
+        """Lay planes through a smaller box of interest, given by two corners in units."""
+        frame = self.frame.copy()
+        frame[:3, 3] = self.to_world((low + high) / 2)
+        radius = float(np.linalg.norm(high - low)) / 2
+        half = float(high[2] - low[2]) / 2 / radius
+        return self.spread(frame, self.unit * radius, -half, half, count)
+
+
+def viewing_region(first: View, second: View, normal: NDArray[np.float64], count: int) -> PlaneFamily:
+    """Lay planes through the space that two views have in common.
+
+    Parameters
+    ----------
+    first, second : View
+        Two views with different viewing directions.
+    normal : array, shape (3,)
+        Their common line.
+    count : int
+        Number of planes.
+
+    Returns
+    -------
+    family : PlaneFamily
+        `low` and `high` are where the two silhouettes end along the common line: exact for
+        parallel projection; for a pinhole the ends of its cone within the region. `high` is
+        below `low` where the two have nothing in common.
+    """
+    views = (first, second)
+    directions = np.array([viewing_direction(view) for view in views])
+    middles = np.array([_middle_point(view) for view in views])
+    centre = _nearest_to_lines(middles, directions)
+    radii = [_apparent_radius(view, centre) for view in views]
+    sine = np.linalg.norm(np.cross(*directions))
+    along = directions[0] - (directions[0] @ normal) * normal
+    along /= np.linalg.norm(along)
+    frame = np.eye(4)
+    frame[:3, :3] = np.column_stack([along, np.cross(normal, along), normal])
+    frame[:3, 3] = centre
+    family = PlaneFamily.spread(frame, REGION_FACTOR * sum(radii) / sine, -1.0, 1.0, count)
+    ranges = np.array([_height_range(view, family) for view in views])
+    return PlaneFamily.spread(
+        frame, family.unit, max(-1.0, ranges[:, 0].max()), min(1.0, ranges[:, 1].min()), count
+    )
+
+
+def _middle_point(view: View) -> NDArray[np.float64]:
+    """Return a point in the world on the ray through the middle of the silhouette."""
+    camera = view.camera
+    if camera.is_pinhole:
+        return camera.position
+    left, low, right, high = view.silhouette.bounds
+    return camera.position + camera.rotation[:, :2] @ ((left + right) / 2, (low + high) / 2)
+
+
+def _nearest_to_lines(
+    points: NDArray[np.float64], directions: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the point nearest to lines, in the sense of least squares."""
+    projectors = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    right = np.einsum("nij,nj->i", projectors, points)
+    return np.asarray(np.linalg.solve(projectors.sum(axis=0), right))
+
+
+def _apparent_radius(view: View, centre: NDArray[np.float64]) -> float:
+    """Return half the diagonal of the silhouette's box, in metres at the centre's depth."""
+    camera = view.camera
+    left, low, right, high = view.silhouette.bounds
+    if not camera.is_pinhole:
+        return float(np.hypot(right - left, high - low)) / 2
+    corners = camera.rays_camera([[left, low], [right, high]])
+    depth = abs(float((centre - camera.position) @ camera.rotation[:, 2]))
+    return float(np.linalg.norm(corners[1] - corners[0])) / 2 * depth
+
+
+def _height_range(view: View, family: PlaneFamily) -> tuple[float, float]:
+    """Return the offsets between which a viewing volume lies, within the region of interest."""
+    camera = view.camera
+    points = np.concatenate(view.rings)
+    if not camera.is_pinhole:
+        corners = camera.position + points @ camera.rotation[:, :2].T
+        heights = family.to_planes(corners)[:, 2]
+    else:
+        rays, position = _rays(camera, points, family)
+        near, far = _depth_range(camera, family)
+        heights = position[2] + np.concatenate([near * rays[:, 2], far * rays[:, 2]])
+    return float(heights.min()), float(heights.max())
+
+
+def _rays(
+    camera: Camera, points: NDArray[np.float64], family: PlaneFamily
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return rays of unit depth and the camera's position in the planes' frame, in units."""
+    rotation = family.frame[:3, :3].T @ camera.rotation
+    return camera.rays_camera(points) @ rotation.T, family.to_planes(camera.position)
+
+
+def _depth_range(camera: Camera, family: PlaneFamily) -> tuple[float, float]:
+    """Return the depths, in units, between which the region of interest lies."""
+    centre = (family.frame[:3, 3] - camera.position) @ camera.rotation[:, 2] / family.unit
+    return max(float(centre) - 1.0, 0.0), max(float(centre) + 1.0, 1.0)
+
+
+def initial_sections(
+    first: View, second: View, family: PlaneFamily, offsets: NDArray[np.float64]
+) -> list[CrossSection]:
+    """Intersect two viewing volumes plane by plane.
+
+    For parallel projection, each silhouette is rasterised into scan-line segments perpendicular
+    to the common line, and the segments' strips meet in N1 x N2 parallelograms per plane (Figs. 3
+    and 4 of the paper). A pinhole's cone meets the plane in the silhouette's homographic image.
+
+    Parameters
+    ----------
+    first, second : View
+        The pair that gave the family's normal.
+    family : PlaneFamily
+        The planes' frame.
+    offsets : array, shape (n,)
+        Where to cut, in units.
+
+    Returns
+    -------
+    sections : list of n CrossSection
+    """
+    if first.camera.is_pinhole or second.camera.is_pinhole:
+        whole = CrossSection.square((2.0, 2.0), center=True)
+        sections = clip_sections([whole] * len(offsets), first, family, offsets)
+        return clip_sections(sections, second, family, offsets)
+    across_first, spans_first = _raster(first, family, offsets)
+    across_second, spans_second = _raster(second, family, offsets)
+    from_spans = np.linalg.inv(np.array([across_first, across_second]))
+    sections = []
+    for spans1, spans2 in zip(spans_first, spans_second, strict=True):
+        pairs = _span_pairs(spans1, spans2)
+        corners = np.stack([pairs[:, [0, 1, 1, 0]], pairs[:, [2, 2, 3, 3]]], axis=-1)
+        parallelograms = list(corners @ from_spans.T)
+        sections.append(CrossSection(parallelograms, EVEN_ODD))
+    return sections
+
+
+def _span_pairs(spans1: NDArray[np.float64], spans2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pair each span of one view with each of the other: rows low1, high1, low2, high2."""
+    return np.hstack([np.repeat(spans1, len(spans2), axis=0), np.tile(spans2, (len(spans1), 1))])
+
+
+def _raster(
+    view: View, family: PlaneFamily, offsets: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Rasterise a silhouette whose viewing direction lies in the planes.
+
+    Returns
+    -------
+    across : array, shape (2,)
+        The unit vector in the planes that the scan lines run along.
+    spans : list of array, shape (k, 2)
+        Per plane the scan-line segments, as intervals of the coordinate along `across`.
+    """
+    camera = view.camera
+    axes = family.frame[:3, :3].T @ camera.rotation[:, :2]
+    heading = axes[2] / np.linalg.norm(axes[2])
+    across = axes[:2] @ (-heading[1], heading[0])
+    corners = [
+        family.to_planes(camera.position + ring @ camera.rotation[:, :2].T) for ring in view.rings
+    ]
+    starts = np.concatenate([np.c_[ring[:, :2] @ across, ring[:, 2]] for ring in corners])
+    ends = np.concatenate(
+        [np.roll(np.c_[ring[:, :2] @ across, ring[:, 2]], -1, axis=0) for ring in corners]
+    )
+    crossed = (starts[:, 1] <= offsets[:, None]) != (ends[:, 1] <= offsets[:, None])
+    planes, edges = np.nonzero(crossed)
+    start, end = starts[edges], ends[edges]
+    fraction = (offsets[planes] - start[:, 1]) / (end[:, 1] - start[:, 1])
+    positions = start[:, 0] + fraction * (end[:, 0] - start[:, 0])
+    order = np.lexsort([positions, planes])
+    counts = np.bincount(planes, minlength=len(offsets))
+    spans = np.split(positions[order].reshape(-1, 2), np.cumsum(counts // 2)[:-1])
+    return across, spans
+
+
+def clip_sections(
+    sections: Sequence[CrossSection], view: View, family: PlaneFamily, offsets: NDArray[np.float64]
+) -> list[CrossSection]:
+    """Clip every cross-section with one more viewing volume.
+
+    Projecting a plane into an image, clipping there and projecting back is one affine map for
+    parallel projection and one homography for a pinhole, so the silhouette is brought into the
+    plane and the clip is done there.
+
+    Parameters
+    ----------
+    sections : sequence of n CrossSection
+        What the views before have left.
+    view : View
+        The view to clip with.
+    family : PlaneFamily
+        The planes' frame.
+    offsets : array, shape (n,)
+        Where the planes are, in units.
+
+    Returns
+    -------
+    sections : list of n CrossSection
+    """
+    footprint = _footprints(view, family, offsets)
+    return [
+        section if section.is_empty() else section ^ footprint(index)
+        for index, section in enumerate(sections)
+    ]
+
+
+def _footprints(
+    view: View, family: PlaneFamily, offsets: NDArray[np.float64]
+) -> Callable[[int], CrossSection]:
+    """Return a function from a plane's index to its cut with the viewing volume."""
+    if view.camera.is_pinhole:
+        return _central_footprints(view, family, offsets)
+    if abs(view.camera.rotation[:, 2] @ family.frame[:3, 2]) < STRIP_COSINE:
+        return _strip_footprints(view, family, offsets)
+    return _parallel_footprints(view, family, offsets)
+
+
+def _strip_footprints(
+    view: View, family: PlaneFamily, offsets: NDArray[np.float64]
+) -> Callable[[int], CrossSection]:
+    across, spans = _raster(view, family, offsets)
+    along = 2.0 * np.array([-across[1], across[0]])  # beyond the region on both sides
+
+    def footprint(index: int) -> CrossSection:
+        low, high = spans[index].T[:, :, None, None]
+        corners = np.concatenate(
+            [low * across - along, high * across - along, high * across + along, low * across + along],
+            axis=1,
+        )
+        return CrossSection(list(corners), manifold3d.FillRule.NonZero)
+
+    return footprint
+
+
+def _parallel_footprints(
+    view: View, family: PlaneFamily, offsets: NDArray[np.float64]
+) -> Callable[[int], CrossSection]:
+    camera = view.camera
+    image_from_planes = camera.rotation[:, :2].T @ family.frame[:3, :3]
+    origin = (family.frame[:3, 3] - camera.position) @ camera.rotation[:, :2] / family.unit
+    planes_from_image = np.linalg.inv(image_from_planes[:, :2])
+    shifts = -offsets[:, None] * image_from_planes[:, 2] @ planes_from_image.T
+    silhouette = CrossSection([ring / family.unit - origin for ring in view.rings], EVEN_ODD)
+    turned = silhouette.transform(np.c_[planes_from_image, np.zeros(2)])
+
+    def footprint(index: int) -> CrossSection:
+        return turned.translate(shifts[index])
+
+    return footprint
+
+
+def _central_footprints(
+    view: View, family: PlaneFamily, offsets: NDArray[np.float64]
+) -> Callable[[int], CrossSection]:
+    rays, position = _rays(view.camera, np.concatenate(view.rings), family)
+    _, far = _depth_range(view.camera, family)
+    ends = np.cumsum([len(ring) for ring in view.rings])[:-1]
+    heights = offsets - position[2]
+    heights = np.where(np.abs(heights) < CENTRE_DISTANCE, CENTRE_DISTANCE, heights)
+    sides = np.sign(heights)
+    margins = sides[:, None] * rays[:, 2] - (np.abs(heights) / far)[:, None]
+    whole = margins.min(axis=1) >= 0
+
+    def footprint(index: int) -> CrossSection:
+        rings = np.split(rays, ends)
+        if not whole[index]:
+            cut = zip(rings, np.split(margins[index], ends), strict=True)
+            rings = [_cut_ring(ring, margin) for ring, margin in cut]
+        points = [
+            position[:2] + heights[index] * ring[:, :2] / ring[:, 2:]
+            for ring in rings
+            if len(ring) > 2
+        ]
+        return CrossSection(points, EVEN_ODD)
+
+    return footprint
+
+
+def _cut_ring(ring: NDArray[np.float64], margins: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Keep the part of a closed ring where the margin, linear along edges, is not negative.
+
+    Parts that the cut separates stay joined by edges along the cut, which bound no area
+    (Sutherland and Hodgman, Reentrant polygon clipping, 1974).
+    """
+    following = np.roll(margins, -1)
+    keep = np.flatnonzero(margins >= 0)
+    crossing = np.flatnonzero((margins >= 0) != (following >= 0))
+    fraction = (margins[crossing] / (margins[crossing] - following[crossing]))[:, None]
+    points = ring[crossing] + fraction * (np.roll(ring, -1, axis=0)[crossing] - ring[crossing])
+    order = np.argsort(np.concatenate([keep, crossing + 0.5]), kind="stable")
+    return np.concatenate([ring[keep], points])[order]
