@@ -1,0 +1,433 @@
+"""The messages of common_interfaces that momrec meets, and their serialised form.
+
+Every class holds the fields of one message of ROS 2 Jazzy, in the message's order. Times are
+nanoseconds; arrays of points stay arrays. The meaning of the messages is in `momrec_ros.messages`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from momrec_ros.cdr import CdrReader, CdrWriter
+from momrec_ros.errors import CdrError
+
+__all__ = [
+    "CompressedImage",
+    "DiagnosticArray",
+    "DiagnosticStatus",
+    "Header",
+    "Level",
+    "Marker",
+    "MarkerAction",
+    "MarkerType",
+    "MeshFile",
+    "PolygonStamped",
+    "Pose",
+    "PoseStamped",
+    "decode_diagnostic_array",
+    "decode_marker_array",
+    "decode_mesh",
+    "decode_polygon_stamped",
+    "decode_pose_stamped",
+    "decode_string",
+    "encode_diagnostic_array",
+    "encode_marker",
+    "encode_marker_array",
+    "encode_mesh",
+    "encode_polygon_stamped",
+    "encode_pose_stamped",
+    "encode_string",
+]
+
+SECOND = 1_000_000_000  # nanoseconds
+SMALLEST_MARKER = 200  # bytes: less than its fixed fields take, to judge a count by
+SMALLEST_STATUS = 20
+SMALLEST_PAIR = 8
+
+
+class MarkerType(IntEnum):
+    """The types of visualization_msgs/Marker that momrec reads or writes."""
+
+    LINE_STRIP = 4
+    LINE_LIST = 5
+    TEXT_VIEW_FACING = 9
+    TRIANGLE_LIST = 11
+
+
+class MarkerAction(IntEnum):
+    """The actions of visualization_msgs/Marker."""
+
+    ADD = 0
+    DELETE = 2
+    DELETEALL = 3
+
+
+class Level(IntEnum):
+    """The levels of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True)
+class Header:
+    """std_msgs/Header: when, in nanoseconds, and in which frame."""
+
+    stamp: int = 0
+    frame_id: str = ""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """geometry_msgs/Pose: position in metres (x, y, z) and quaternion (x, y, z, w)."""
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    orientation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class PoseStamped:
+    """geometry_msgs/PoseStamped."""
+
+    header: Header = Header()
+    pose: Pose = Pose()
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonStamped:
+    """geometry_msgs/PolygonStamped; points float32, shape (n, 3)."""
+
+    header: Header
+    points: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class CompressedImage:
+    """sensor_msgs/CompressedImage."""
+
+    header: Header = Header()
+    format: str = ""
+    data: bytes = b""
+
+
+@dataclass(frozen=True)
+class MeshFile:
+    """visualization_msgs/MeshFile."""
+
+    filename: str = ""
+    data: bytes = b""
+
+
+def _no_rows(columns: int, dtype: type[np.floating[Any]]) -> NDArray[Any]:
+    return np.empty((0, columns), dtype)
+
+
+@dataclass(frozen=True, eq=False)
+class Marker:
+    """visualization_msgs/Marker.
+
+    Attributes
+    ----------
+    scale : tuple of 3 floats
+        Its meaning depends on the type; metres.
+    color : tuple of 4 floats
+        Red, green, blue, alpha, 0 to 1.
+    lifetime : int
+        Nanoseconds; 0 is for ever.
+    points : array, shape (n, 3)
+        float64, in the frame of ``pose``.
+    colors : array, shape (n, 4)
+        float32; none, or one a point.
+    uv_coordinates : array, shape (n, 2)
+        float32.
+    """
+
+    header: Header = Header()
+    ns: str = ""
+    id: int = 0
+    type: int = 0
+    action: int = MarkerAction.ADD
+    pose: Pose = Pose()
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    color: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    lifetime: int = 0
+    frame_locked: bool = False
+    points: NDArray[np.float64] = field(default_factory=lambda: _no_rows(3, np.float64))
+    colors: NDArray[np.float32] = field(default_factory=lambda: _no_rows(4, np.float32))
+    texture_resource: str = ""
+    texture: CompressedImage = CompressedImage()
+    uv_coordinates: NDArray[np.float32] = field(default_factory=lambda: _no_rows(2, np.float32))
+    text: str = ""
+    mesh_resource: str = ""
+    mesh_file: MeshFile = MeshFile()
+    mesh_use_embedded_materials: bool = False
+
+
+@dataclass(frozen=True)
+class DiagnosticStatus:
+    """diagnostic_msgs/DiagnosticStatus; values are pairs of key and value."""
+
+    level: int = Level.OK
+    name: str = ""
+    message: str = ""
+    hardware_id: str = ""
+    values: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class DiagnosticArray:
+    """diagnostic_msgs/DiagnosticArray."""
+
+    header: Header = Header()
+    status: tuple[DiagnosticStatus, ...] = ()
+
+
+def _read_time(reader: CdrReader, what: str) -> int:
+    seconds, nanoseconds = reader.numbers("iI", 4, what)
+    if nanoseconds >= SECOND:
+        raise CdrError(f"Expected less than {SECOND} nanoseconds in {what}, got {nanoseconds}")
+    return int(seconds) * SECOND + int(nanoseconds)
+
+
+def _write_time(writer: CdrWriter, nanoseconds: int) -> None:
+    writer.numbers("iI", 4, *divmod(nanoseconds, SECOND))
+
+
+def _read_header(reader: CdrReader, what: str) -> Header:
+    stamp = _read_time(reader, f"{what}.stamp")
+    return Header(stamp, reader.string(f"{what}.frame_id"))
+
+
+def _write_header(writer: CdrWriter, header: Header) -> None:
+    _write_time(writer, header.stamp)
+    writer.string(header.frame_id)
+
+
+def _read_image(reader: CdrReader) -> CompressedImage:
+    return CompressedImage(
+        _read_header(reader, "texture.header"),
+        reader.string("texture.format"),
+        reader.octets("texture.data"),
+    )
+
+
+def _write_image(writer: CdrWriter, image: CompressedImage) -> None:
+    _write_header(writer, image.header)
+    writer.string(image.format)
+    writer.octets(image.data)
+
+
+def _read_marker(reader: CdrReader) -> Marker:
+    header = _read_header(reader, "header")
+    ns = reader.string("ns")
+    identifier, kind, action = reader.numbers("3i", 4, "id, type and action")
+    numbers = reader.numbers("10d4f", 8, "pose, scale and color")
+    return Marker(
+        header=header,
+        ns=ns,
+        id=identifier,
+        type=kind,
+        action=action,
+        pose=Pose(numbers[:3], numbers[3:7]),
+        scale=numbers[7:10],
+        color=numbers[10:],
+        lifetime=_read_time(reader, "lifetime"),
+        frame_locked=reader.boolean("frame_locked"),
+        points=reader.array("f8", 3, "points"),
+        colors=reader.array("f4", 4, "colors"),
+        texture_resource=reader.string("texture_resource"),
+        texture=_read_image(reader),
+        uv_coordinates=reader.array("f4", 2, "uv_coordinates"),
+        text=reader.string("text"),
+        mesh_resource=reader.string("mesh_resource"),
+        mesh_file=MeshFile(reader.string("mesh_file.filename"), reader.octets("mesh_file.data")),
+        mesh_use_embedded_materials=reader.boolean("mesh_use_embedded_materials"),
+    )
+
+
+def _write_marker(writer: CdrWriter, marker: Marker) -> None:
+    _write_header(writer, marker.header)
+    writer.string(marker.ns)
+    writer.numbers("3i", 4, marker.id, marker.type, marker.action)
+    pose = marker.pose
+    numbers = (*pose.position, *pose.orientation, *marker.scale, *marker.color)
+    writer.numbers("10d4f", 8, *numbers)
+    _write_time(writer, marker.lifetime)
+    writer.numbers("B", 1, bool(marker.frame_locked))
+    writer.array("f8", 3, marker.points)
+    writer.array("f4", 4, marker.colors)
+    writer.string(marker.texture_resource)
+    _write_image(writer, marker.texture)
+    writer.array("f4", 2, marker.uv_coordinates)
+    writer.string(marker.text)
+    writer.string(marker.mesh_resource)
+    writer.string(marker.mesh_file.filename)
+    writer.octets(marker.mesh_file.data)
+    writer.numbers("B", 1, bool(marker.mesh_use_embedded_materials))
+
+
+def decode_marker_array(data: bytes, max_markers: int | None = None) -> tuple[Marker, ...]:
+    """Read a visualization_msgs/MarkerArray.
+
+    Parameters
+    ----------
+    data : bytes-like
+        The serialised message.
+    max_markers : int, optional
+        Refuse a message with more, before any is decoded.
+
+    Returns
+    -------
+    markers : tuple of Marker
+        Their arrays are read-only views of ``data``.
+
+    Raises
+    ------
+    CdrError
+        If the bytes are not exactly such a message, or hold too many markers.
+    """
+    reader = CdrReader(data)
+    count = reader.count(SMALLEST_MARKER, "markers")
+    if max_markers is not None and count > max_markers:
+        raise CdrError(f"Expected at most {max_markers} markers in a message, got {count}")
+    markers = tuple(_read_marker(reader) for _ in range(count))
+    reader.finish()
+    return markers
+
+
+def encode_marker_array(markers: Sequence[Marker]) -> bytes:
+    """Write a visualization_msgs/MarkerArray; `CdrError` if a value fits no message."""
+    writer = CdrWriter()
+    writer.count(len(markers))
+    for marker in markers:
+        _write_marker(writer, marker)
+    return writer.finish()
+
+
+def encode_marker(marker: Marker) -> bytes:
+    """Write a visualization_msgs/Marker; `CdrError` if a value fits no message."""
+    writer = CdrWriter()
+    _write_marker(writer, marker)
+    return writer.finish()
+
+
+def decode_polygon_stamped(data: bytes) -> PolygonStamped:
+    """Read a geometry_msgs/PolygonStamped; `CdrError` if the bytes are not exactly one."""
+    reader = CdrReader(data)
+    polygon = PolygonStamped(_read_header(reader, "header"), reader.array("f4", 3, "points"))
+    reader.finish()
+    return polygon
+
+
+def encode_polygon_stamped(polygon: PolygonStamped) -> bytes:
+    """Write a geometry_msgs/PolygonStamped; `CdrError` if a value fits no message."""
+    writer = CdrWriter()
+    _write_header(writer, polygon.header)
+    writer.array("f4", 3, polygon.points)
+    return writer.finish()
+
+
+def decode_pose_stamped(data: bytes) -> PoseStamped:
+    """Read a geometry_msgs/PoseStamped; `CdrError` if the bytes are not exactly one."""
+    reader = CdrReader(data)
+    header = _read_header(reader, "header")
+    numbers = reader.numbers("7d", 8, "pose")
+    reader.finish()
+    return PoseStamped(header, Pose(numbers[:3], numbers[3:]))
+
+
+def encode_pose_stamped(pose: PoseStamped) -> bytes:
+    """Write a geometry_msgs/PoseStamped; `CdrError` if a value fits no message."""
+    writer = CdrWriter()
+    _write_header(writer, pose.header)
+    writer.numbers("7d", 8, *pose.pose.position, *pose.pose.orientation)
+    return writer.finish()
+
+
+def decode_string(data: bytes) -> str:
+    """Read a std_msgs/String; `CdrError` if the bytes are not exactly one."""
+    reader = CdrReader(data)
+    text = reader.string("data")
+    reader.finish()
+    return text
+
+
+def encode_string(text: str) -> bytes:
+    """Write a std_msgs/String; `CdrError` if it holds a NUL or is no Unicode."""
+    writer = CdrWriter()
+    writer.string(text)
+    return writer.finish()
+
+
+def decode_mesh(data: bytes) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
+    """Read a shape_msgs/Mesh: triangles (n, 3) and vertices (m, 3); `CdrError` if it is none."""
+    reader = CdrReader(data)
+    triangles = reader.array("u4", 3, "triangles")
+    vertices = reader.array("f8", 3, "vertices")
+    reader.finish()
+    return triangles, vertices
+
+
+def encode_mesh(triangles: NDArray[np.integer[Any]], vertices: NDArray[np.float64]) -> bytes:
+    """Write a shape_msgs/Mesh; `CdrError` if an index or a shape fits no message.
+
+    Parameters
+    ----------
+    triangles : array, shape (n, 3)
+        Indices of vertices.
+    vertices : array, shape (m, 3)
+        Coordinates.
+    """
+    writer = CdrWriter()
+    writer.array("u4", 3, triangles)
+    writer.array("f8", 3, vertices)
+    return writer.finish()
+
+
+def _read_status(reader: CdrReader) -> DiagnosticStatus:
+    (level,) = reader.numbers("B", 1, "level")
+    name = reader.string("name")
+    message = reader.string("message")
+    hardware_id = reader.string("hardware_id")
+    count = reader.count(SMALLEST_PAIR, "values")
+    values = tuple((reader.string("key"), reader.string("value")) for _ in range(count))
+    return DiagnosticStatus(level, name, message, hardware_id, values)
+
+
+def _write_status(writer: CdrWriter, status: DiagnosticStatus) -> None:
+    writer.numbers("B", 1, status.level)
+    writer.string(status.name)
+    writer.string(status.message)
+    writer.string(status.hardware_id)
+    writer.count(len(status.values))
+    for key, value in status.values:
+        writer.string(key)
+        writer.string(value)
+
+
+def decode_diagnostic_array(data: bytes) -> DiagnosticArray:
+    """Read a diagnostic_msgs/DiagnosticArray; `CdrError` if the bytes are not exactly one."""
+    reader = CdrReader(data)
+    header = _read_header(reader, "header")
+    count = reader.count(SMALLEST_STATUS, "status")
+    status = tuple(_read_status(reader) for _ in range(count))
+    reader.finish()
+    return DiagnosticArray(header, status)
+
+
+def encode_diagnostic_array(diagnostics: DiagnosticArray) -> bytes:
+    """Write a diagnostic_msgs/DiagnosticArray; `CdrError` if a value fits no message."""
+    writer = CdrWriter()
+    _write_header(writer, diagnostics.header)
+    writer.count(len(diagnostics.status))
+    for status in diagnostics.status:
+        _write_status(writer, status)
+    return writer.finish()
