@@ -294,7 +294,7 @@ def _ray(
     # Two planes hold the line: x P[2] - P[0] and y P[2] - P[1].
     planes = np.outer(point_image, P[2]) - P[:2]
     direction: NDArray[np.float64] = np.cross(planes[0, :3], planes[1, :3])
-    origin: NDArray[np.float64] = np.linalg.lstsq(planes[:, :3], -planes[:, 3], rcond=None)[0]
+    origin = np.linalg.lstsq(planes[:, :3], -planes[:, 3], rcond=None)[0].astype(np.float64)
     direction /= np.linalg.norm(direction)
     return origin, direction
 
