@@ -4,6 +4,7 @@ The library knows geometry and nothing else: no ROS, no bag, no plotting, no com
 """
 
 from momrec_core.camera import Camera
+from momrec_core.canonical import CanonicalShape, normalize
 from momrec_core.coverage import Coverage, coverage
 from momrec_core.errors import (
     DegenerateShapeError,
@@ -20,6 +21,7 @@ from momrec_core.view import View
 
 __all__ = [
     "Camera",
+    "CanonicalShape",
     "Coverage",
     "DegenerateShapeError",
     "EmptyHullError",
@@ -30,6 +32,7 @@ __all__ = [
     "NoCommonLineError",
     "View",
     "coverage",
+    "normalize",
     "silhouette_of_mesh",
     "surface_moments",
 ]

@@ -36,17 +36,17 @@ def triangles_of(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     Raises
     ------
     DegenerateShapeError
-        If there is no face, or a face has a corner that is not finite.
+        If there is no face, or a vertex that is not finite.
     """
     if len(mesh.faces) == 0:
         raise DegenerateShapeError("Expected a mesh with faces, got none")
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    triangles: NDArray[np.float64] = vertices[np.asarray(mesh.faces)]
-    if not np.isfinite(triangles).all():
-        bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
+    finite = np.all(np.isfinite(vertices), axis=1)
+    if not finite.all():
         raise DegenerateShapeError(
-            f"Expected finite vertices, got NaN or infinity in {bad} of {len(triangles)} faces"
+            f"Expected finite vertices, got NaN or infinity in {np.sum(~finite)} of {len(vertices)}"
         )
+    triangles: NDArray[np.float64] = vertices[np.asarray(mesh.faces)]
     return triangles
 
 

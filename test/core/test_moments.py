@@ -140,7 +140,7 @@ def test_moments_of_many_faces_are_summed_over_all_chunks() -> None:
     ("vertices", "faces", "message"),
     [
         (np.eye(3), np.empty((0, 3), int), "with faces, got none"),
-        (np.full((3, 3), np.nan), [[0, 1, 2]], "finite vertices, got NaN or infinity in 1 of 1"),
+        (np.full((3, 3), np.nan), [[0, 1, 2]], "finite vertices, got NaN or infinity in 3 of 3"),
         (np.full((3, 3), np.inf), [[0, 1, 2]], "finite vertices"),
         (np.ones((3, 3)), [[0, 1, 2]], "an area and finite moments up to order 5, got area 0"),
         (np.eye(3) * 1e200, [[0, 1, 2]], "finite moments"),
