@@ -1,0 +1,295 @@
+"""Results as messages: what the node publishes and what a result bag carries.
+
+The outputs of one result share its stamp and frame, and are listed in the order in which they
+go out: recognition, principal frame, mesh, normalised mesh, label.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from momrec_core.recognizer import ObjectResult
+from momrec_ros.interfaces import (
+    DiagnosticArray,
+    DiagnosticStatus,
+    Header,
+    Level,
+    Marker,
+    MarkerType,
+    Pose,
+    PoseStamped,
+    encode_diagnostic_array,
+    encode_marker,
+    encode_marker_array,
+    encode_mesh,
+    encode_pose_stamped,
+    encode_string,
+)
+from momrec_ros.messages import pose_from_matrix, rings_in_camera
+
+__all__ = [
+    "RESULT_TYPES",
+    "UNKNOWN",
+    "Output",
+    "result_diagnostics",
+    "result_markers",
+    "result_messages",
+]
+
+UNKNOWN = "unknown"
+
+# Private names of the node `recognizer`, in the order in which one result goes out.
+RESULT_TYPES = {
+    "recognition": "diagnostic_msgs/msg/DiagnosticArray",
+    "principal_frame": "geometry_msgs/msg/PoseStamped",
+    "mesh": "visualization_msgs/msg/Marker",
+    "normalized_mesh": "shape_msgs/msg/Mesh",
+    "label": "std_msgs/msg/String",
+    "markers": "visualization_msgs/msg/MarkerArray",
+}
+MESH_COLOR = (0.62, 0.74, 0.88, 1.0)
+TEXT_COLOR = (1.0, 1.0, 1.0, 1.0)
+CONTOUR_COLOR = (1.0, 0.6, 0.0, 0.6)
+AXIS_COLORS = ((1.0, 0.0, 0.0, 1.0), (0.0, 0.8, 0.0, 1.0), (0.0, 0.3, 1.0, 1.0))
+LINE_WIDTH = 0.01  # of the object's size, in displays
+TEXT_HEIGHT = 0.12  # likewise
+
+
+@dataclass(frozen=True)
+class Output:
+    """One message to go out.
+
+    Attributes
+    ----------
+    name : str
+        Private topic name, such as ``"label"`` for ``~/label``.
+    type_name : str
+        Such as ``"std_msgs/msg/String"``.
+    data : bytes
+        The serialised message.
+    """
+
+    name: str
+    type_name: str
+    data: bytes
+
+
+def result_messages(result: ObjectResult, stamp: int, frame_id: str) -> list[Output]:
+    """Write everything that is known of an object as messages.
+
+    Parameters
+    ----------
+    result : ObjectResult
+        Of one object.
+    stamp : int
+        Of the last view used, nanoseconds.
+    frame_id : str
+        Name of the world frame.
+
+    Returns
+    -------
+    outputs : list of Output
+        In the order in which they are to go out.
+
+    Raises
+    ------
+    CdrError
+        If the stamp or a name fits no message.
+    """
+    header = Header(stamp, frame_id)
+    pose = pose_from_matrix(result.canonical.principal_frame)
+    canonical = result.canonical.mesh
+    encoded = {
+        "recognition": encode_diagnostic_array(result_diagnostics(result, header)),
+        "principal_frame": encode_pose_stamped(PoseStamped(header, pose)),
+        "mesh": encode_marker(_mesh_marker(result, header, pose)),
+        "normalized_mesh": encode_mesh(canonical.faces, canonical.vertices),
+        "label": encode_string(_label(result)),
+        "markers": encode_marker_array(result_markers(result, header)),
+    }
+    return [Output(name, RESULT_TYPES[name], data) for name, data in encoded.items()]
+
+
+def _label(result: ObjectResult) -> str:
+    recognition = result.recognition
+    return recognition.label if recognition is not None and recognition.known else UNKNOWN
+
+
+def _in_principal_frame(
+    points_world: NDArray[np.float64], frame: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return (points_world - frame[:3, 3]) @ frame[:3, :3]
+
+
+def _mesh_marker(result: ObjectResult, header: Header, pose: Pose) -> Marker:
+    frame = result.canonical.principal_frame
+    vertices = _in_principal_frame(np.asarray(result.mesh.vertices), frame)
+    return Marker(
+        header=header,
+        ns=result.object_id,
+        id=0,
+        type=MarkerType.TRIANGLE_LIST,
+        pose=pose,
+        color=MESH_COLOR,
+        points=vertices[result.mesh.faces].reshape(-1, 3),
+        text=_label(result),
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:.9g}"
+
+
+def _vector(values: Sequence[float]) -> str:
+    return "[" + ", ".join(_number(value) for value in values) + "]"
+
+
+def result_diagnostics(result: ObjectResult, header: Header) -> DiagnosticArray:
+    """Return the verdict on an object, then the hypotheses, best first.
+
+    Parameters
+    ----------
+    result : ObjectResult
+        Of one object.
+    header : Header
+        Stamp and world frame.
+
+    Returns
+    -------
+    diagnostics : DiagnosticArray
+        Every status carries the object's id as its hardware id.
+    """
+    ranking = () if result.recognition is None else result.recognition.ranking
+    hypotheses = [
+        DiagnosticStatus(
+            Level.OK,
+            label,
+            f"hypothesis {place} of {len(ranking)}",
+            result.object_id,
+            (("score", _number(score)), ("distance", _number(distance))),
+        )
+        for place, (label, distance, score) in enumerate(ranking, start=1)
+    ]
+    return DiagnosticArray(header, (_verdict(result), *hypotheses))
+
+
+def _verdict(result: ObjectResult) -> DiagnosticStatus:
+    label = _label(result)
+    unique = result.canonical.is_unique
+    pose = pose_from_matrix(result.canonical.principal_frame)
+    recognition = result.recognition
+    measures = (
+        ()
+        if recognition is None
+        else (
+            ("score", _number(recognition.score)),
+            ("distance", _number(recognition.distance)),
+        )
+    )
+    values = (
+        *measures,
+        ("views", str(result.views)),
+        ("rejected_views", str(result.rejected_views)),
+        ("slices", str(result.slices)),
+        ("area", _number(result.area)),
+        ("volume", _number(result.volume)),
+        ("scale", _number(result.canonical.scale)),
+        ("position", _vector(pose.position)),
+        ("orientation", _vector(pose.orientation)),
+        ("unique_frame", "true" if unique else "false"),
+    )
+    fine = label != UNKNOWN and unique
+    return DiagnosticStatus(
+        Level.OK if fine else Level.WARN, label, _remark(result), result.object_id, values
+    )
+
+
+def _remark(result: ObjectResult) -> str:
+    recognition = result.recognition
+    if recognition is None:
+        return "no model to recognise with"
+    if not recognition.known:
+        nearest = recognition.ranking[0][0] if recognition.ranking else "none"
+        return f"unlike every class of the model; nearest: {nearest}"
+    if not result.canonical.is_unique:
+        others = len(result.canonical.alternatives)
+        return f"recognised; the principal frame is one of {others + 1} admissible ones"
+    return "recognised"
+
+
+def result_markers(result: ObjectResult, header: Header) -> list[Marker]:
+    """Return what people look at: axes, label with score, and the used contours.
+
+    Parameters
+    ----------
+    result : ObjectResult
+        Of one object.
+    header : Header
+        Stamp and world frame.
+
+    Returns
+    -------
+    markers : list of Marker
+        In namespaces of their own below the object's id.
+    """
+    size = float(np.linalg.norm(np.ptp(result.mesh.vertices, axis=0)))
+    return [
+        _axes_marker(result, header, size),
+        _label_marker(result, header, size),
+        *_contour_markers(result, header, size),
+    ]
+
+
+def _axes_marker(result: ObjectResult, header: Header, size: float) -> Marker:
+    points = np.zeros((6, 3))
+    points[1::2] = np.eye(3) * 0.5 * size
+    return Marker(
+        header=header,
+        ns=f"{result.object_id}/axes",
+        type=MarkerType.LINE_LIST,
+        pose=pose_from_matrix(result.canonical.principal_frame),
+        scale=(LINE_WIDTH * size, 0.0, 0.0),
+        points=points,
+        colors=np.repeat(np.array(AXIS_COLORS, np.float32), 2, axis=0),
+    )
+
+
+def _label_marker(result: ObjectResult, header: Header, size: float) -> Marker:
+    x, y, z = result.canonical.principal_frame[:3, 3].tolist()
+    top = float(result.mesh.vertices[:, 2].max()) + TEXT_HEIGHT * size
+    recognition = result.recognition
+    score = "" if recognition is None else f" {recognition.score:.2f}"
+    return Marker(
+        header=header,
+        ns=f"{result.object_id}/label",
+        type=MarkerType.TEXT_VIEW_FACING,
+        pose=Pose((x, y, max(z, top))),
+        scale=(0.0, 0.0, TEXT_HEIGHT * size),
+        color=TEXT_COLOR,
+        text=_label(result) + score,
+    )
+
+
+def _contour_markers(result: ObjectResult, header: Header, size: float) -> list[Marker]:
+    rings = [
+        (pose_from_matrix(view.camera.pose), ring)
+        for view in result.hull.views
+        for ring in rings_in_camera(view)
+    ]
+    return [
+        Marker(
+            header=header,
+            ns=f"{result.object_id}/contours",
+            id=number,
+            type=MarkerType.LINE_STRIP,
+            pose=pose,
+            scale=(0.5 * LINE_WIDTH * size, 0.0, 0.0),
+            color=CONTOUR_COLOR,
+            points=ring,
+        )
+        for number, (pose, ring) in enumerate(rings)
+    ]
