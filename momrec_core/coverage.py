@@ -11,6 +11,7 @@ from momrec_core.silhouette import silhouette_of_mesh
 
 if TYPE_CHECKING:
     import trimesh
+    from shapely import MultiPolygon
 
     from momrec_core.view import View
 
@@ -31,6 +32,12 @@ class Coverage:
 
     covered: float
     iou: float
+
+    @classmethod
+    def of_regions(cls, seen: MultiPolygon, projected: MultiPolygon) -> Coverage:
+        """Compare a silhouette with a mesh's projection, both in the same image coordinates."""
+        common = shapely.intersection(seen, projected).area
+        return cls(covered=common / seen.area, iou=common / (seen.area + projected.area - common))
 
 
 def coverage(view: View, mesh: trimesh.Trimesh) -> Coverage:
@@ -63,6 +70,4 @@ def coverage(view: View, mesh: trimesh.Trimesh) -> Coverage:
     silhouette_of_mesh : The projection that is compared.
     """
     projected = silhouette_of_mesh(mesh, view.camera).silhouette
-    common = shapely.intersection(view.silhouette, projected).area
-    seen = view.silhouette.area
-    return Coverage(covered=common / seen, iou=common / (seen + projected.area - common))
+    return Coverage.of_regions(view.silhouette, projected)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from momrec_core.errors import EmptyHullError, InvalidContourError, NoCommonLineError
-from momrec_core.layers import Layer, differing_slabs, region_of_section
+from momrec_core.layers import Layer, match_layers, region_of_section, without_flakes
 from momrec_core.slicing import (
     PlaneFamily,
     clip_sections,
@@ -275,19 +276,22 @@ class VisualHull:
         offsets = [family.low, ends[0], *family.offsets, ends[1], family.high]
         sections = [CrossSection(), bottom, *self._sections, top, CrossSection()]
         layers = [Layer.of(*pair) for pair in zip(offsets, sections, strict=True)]
+        open_slabs = list(pairwise(layers))
         for _ in range(EVENT_DEPTH):
-            slabs = [
-                slab
-                for slab in differing_slabs(layers)
-                if layers[slab + 1].offset - layers[slab].offset
-                > family.spacing / 2**EVENT_DEPTH
+            open_slabs = [
+                (below, above)
+                for (below, above), slab in zip(open_slabs, match_layers(open_slabs), strict=True)
+                if slab.knots
+                and above.offset - below.offset > family.spacing / 2**EVENT_DEPTH
             ]
-            middles = np.array([(layers[s].offset + layers[s + 1].offset) / 2 for s in slabs])
-            if not slabs:
+            if not open_slabs:
                 break
-            new = zip(middles, self._cut(family, middles), strict=True)
-            layers = sorted([*layers, *(Layer.of(*pair) for pair in new)], key=lambda it: it.offset)
-        return layers
+            middles = np.array([(below.offset + above.offset) / 2 for below, above in open_slabs])
+            new = [Layer.of(*it) for it in zip(middles, self._cut(family, middles), strict=True)]
+            halves = zip(open_slabs, new, strict=True)
+            open_slabs = [half for (a, b), middle in halves for half in ((a, middle), (middle, b))]
+            layers.extend(new)
+        return without_flakes(sorted(layers, key=lambda layer: layer.offset))
 
 
 def _meets(sections: list[CrossSection]) -> NDArray[np.bool_]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -17,10 +18,10 @@ from shapely import MultiPolygon, Polygon
 __all__ = [
     "Layer",
     "Slab",
-    "differing_slabs",
     "hole_pairs",
     "match_layers",
     "region_of_section",
+    "without_flakes",
 ]
 
 CLEANING = 1e-8  # units: vertices that stand out less are Clipper2's rounding, not shape
@@ -91,30 +92,51 @@ class Slab:
     knots: list[tuple[list[int], list[int]]]
 
 
-def match_layers(below: Layer, above: Layer) -> Slab:
-    """Group the pieces of two adjacent layers by overlap."""
-    lower, upper = _overlaps(below.prepared, above.prepared)
-    count = len(below.pieces)
-    total = count + len(above.pieces)
-    graph = coo_array((np.ones(len(lower)), (lower, upper + count)), shape=(total, total))
-    groups, labels = connected_components(graph, directed=False) if total else (0, np.empty(0))
-    slab = Slab([], [])
-    for group in range(groups):
-        members = np.flatnonzero(labels == group)
-        low, high = members[members < count], members[members >= count] - count
-        if len(low) == len(high) == 1 and _alike(below.pieces[low[0]], above.pieces[high[0]]):
-            slab.pairs.append((int(low[0]), int(high[0])))
+def match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
+    """Group the pieces of adjacent layers, below and above, by overlap.
+
+    Parameters
+    ----------
+    pairs : sequence of (Layer, Layer)
+        The layers below and above each slab.
+
+    Returns
+    -------
+    slabs : list of Slab
+        One a pair.
+    """
+    counts = np.array([[len(below.pieces), len(above.pieces)] for below, above in pairs])
+    if not counts.any():
+        return [Slab([], []) for _ in pairs]
+    pieces = np.concatenate([layer.prepared for pair in pairs for layer in pair])
+    first = np.concatenate([[0], np.cumsum(counts)])
+    candidates = [
+        np.indices((below, above)).reshape(2, -1).T + first[[2 * slab, 2 * slab + 1]]
+        for slab, (below, above) in enumerate(counts)
+    ]
+    lower, upper = _meeting(pieces, np.concatenate(candidates))
+    graph = coo_array((np.ones(len(lower)), (lower, upper)), shape=(len(pieces), len(pieces)))
+    _, labels = connected_components(graph, directed=False)
+    slabs = [Slab([], []) for _ in pairs]
+    order = np.argsort(labels, kind="stable")
+    slab_of = np.repeat(np.arange(len(pairs)), counts.sum(axis=1))
+    for members in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
+        slab = int(slab_of[members[0]])
+        begin, middle = first[2 * slab], first[2 * slab + 1]
+        low, high = members[members < middle] - begin, members[members >= middle] - middle
+        if len(low) == len(high) == 1 and _alike(*pieces[members]):
+            slabs[slab].pairs.append((int(low[0]), int(high[0])))
         else:
-            slab.knots.append((low.tolist(), high.tolist()))
-    return slab
+            slabs[slab].knots.append((low.tolist(), high.tolist()))
+    return slabs
 
 
-def _overlaps(
-    below: NDArray[np.object_], above: NDArray[np.object_]
+def _meeting(
+    polygons: NDArray[np.object_], pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the index pairs of polygons that meet."""
-    lower, upper = (index.ravel() for index in np.indices((len(below), len(above))))
-    meet = shapely.intersects(below[lower], above[upper])
+    """Return the index pairs, of those given, whose polygons meet."""
+    lower, upper = pairs.T
+    meet = shapely.intersects(polygons[lower], polygons[upper])
     return lower[meet], upper[meet]
 
 
@@ -133,20 +155,21 @@ def hole_pairs(below: Polygon, above: Polygon) -> list[tuple[int, int]] | None:
         return None
     if count == 0:
         return []
-    holes = [
-        np.array([Polygon(hole) for hole in piece.interiors], dtype=object)
-        for piece in (below, above)
-    ]
-    lower, upper = _overlaps(*holes)
+    holes = np.array([Polygon(hole) for piece in (below, above) for hole in piece.interiors])
+    lower, upper = _meeting(holes, np.indices((count, count)).reshape(2, -1).T + [0, count])
     if len(lower) != count or len(set(lower.tolist())) + len(set(upper.tolist())) != 2 * count:
         return None
-    return list(zip(lower.tolist(), upper.tolist(), strict=True))
+    return list(zip(lower.tolist(), (upper - count).tolist(), strict=True))
 
 
-def differing_slabs(layers: Sequence[Layer]) -> list[int]:
-    """Return the slabs, by the index of the layer below, whose pieces do not match in pairs."""
-    return [
-        index
-        for index in range(len(layers) - 1)
-        if match_layers(layers[index], layers[index + 1]).knots
-    ]
+def without_flakes(layers: Sequence[Layer]) -> list[Layer]:
+    """Leave out the pieces that meet none of the layer below or above, and so have no volume."""
+    slabs = match_layers(list(pairwise(layers)))
+    ends_above = [{low[0] for low, high in slab.knots if not high} for slab in slabs]
+    ends_below = [{high[0] for low, high in slab.knots if not low} for slab in slabs]
+    kept = []
+    for layer, above, below in zip(layers, [*ends_above, set()], [set(), *ends_below], strict=True):
+        flakes = above & below
+        pieces = [piece for index, piece in enumerate(layer.pieces) if index not in flakes]
+        kept.append(Layer(layer.offset, pieces) if flakes else layer)
+    return kept

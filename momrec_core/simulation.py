@@ -225,6 +225,7 @@ def simulate_instance(
     rng: np.random.Generator,
     *,
     projection: Projection = "orthographic",
+    distance: float = 3.0,
     noise: float = 0.0,
 ) -> Instance:
     """Bring a mesh to a random place and look at it there.
@@ -233,7 +234,7 @@ def simulate_instance(
     ----------
     mesh : Trimesh
         The object as modelled, metres.
-    count, rng, projection, noise
+    count, rng, projection, distance, noise
         As for `simulate_views`.
 
     Returns
@@ -242,7 +243,7 @@ def simulate_instance(
         The transformed mesh and its views.
     """
     moved = random_similarity(mesh, rng)
-    views = simulate_views(moved, count, rng, projection=projection, noise=noise)
+    views = simulate_views(moved, count, rng, projection=projection, distance=distance, noise=noise)
     return Instance(moved, tuple(views))
 
 

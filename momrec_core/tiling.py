@@ -41,7 +41,7 @@ def tile(layers: Sequence[Layer]) -> tuple[NDArray[np.float64], NDArray[np.int64
         Closed, edge-manifold, facing outward.
     """
     contours = _Contours.of_layers(layers)
-    slabs = [match_layers(*pair) for pair in pairwise(layers)]
+    slabs = match_layers(list(pairwise(layers)))
     links = {
         (index, number): contours.insert_contacts(index, low, high)
         for index, slab in enumerate(slabs)
