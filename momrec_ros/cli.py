@@ -1,0 +1,231 @@
+"""The command line `momrec`: options and exit codes. What the commands do is in `commands`.
+
+That module, and the geometry with it, is imported by the commands only, so that help is instant.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from momrec_ros import parameters
+from momrec_ros.parameters import Parameter, Projection
+
+__all__ = ["app", "main"]
+
+FAILED = 1
+
+EXIT_CODES = (
+    "Exit codes: 0 all was read and used; 1 nothing could be recognised, or an error; "
+    "2 wrong usage; 3 results given, but something was lost on the way."
+)
+
+app = typer.Typer(
+    help="Turn silhouettes into closed meshes, principal frames and class labels.\n\n" + EXIT_CODES,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _option(parameter: Parameter[Any]) -> Any:
+    return typer.Option(
+        "--" + parameter.name.replace("_", "-"),
+        min=parameter.minimum,
+        max=parameter.maximum,
+        help=parameter.description,
+    )
+
+
+BagPath = Annotated[
+    Path, typer.Argument(exists=True, help="A rosbag2 folder or an .mcap file.", metavar="BAG")
+]
+ModelPath = Annotated[
+    Path | None,
+    typer.Option(exists=True, dir_okay=False, help="Model that names the objects, from train."),
+]
+BagOutput = Annotated[Path | None, typer.Option(help="New bag folder for views and results.")]
+FiguresOutput = Annotated[Path | None, typer.Option(help="New folder for a picture per object.")]
+Slices = Annotated[int, _option(parameters.SLICES)]
+MinViews = Annotated[int, _option(parameters.MIN_VIEWS)]
+MaxViews = Annotated[int, _option(parameters.MAX_VIEWS)]
+MaxObjects = Annotated[int, _option(parameters.MAX_OBJECTS)]
+ObjectTimeout = Annotated[float, _option(parameters.OBJECT_TIMEOUT)]
+ProjectionRule = Annotated[Projection, _option(parameters.PROJECTION)]
+WorldFrame = Annotated[str, _option(parameters.WORLD_FRAME)]
+Views = Annotated[int, _option(parameters.VIEWS)]
+Instances = Annotated[int, _option(parameters.INSTANCES)]
+Noise = Annotated[float, _option(parameters.NOISE)]
+Distance = Annotated[float, _option(parameters.DISTANCE)]
+Seed = Annotated[int, _option(parameters.SEED)]
+MaxFeatures = Annotated[int, _option(parameters.MAX_FEATURES)]
+Order = Annotated[int, _option(parameters.ORDER)]
+Workers = Annotated[int, _option(parameters.WORKERS)]
+
+
+def _show_version(*, wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"momrec {version('momrec_ros')}")
+        raise typer.Exit
+
+
+@app.callback()
+def momrec(
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Turn silhouettes into closed meshes, principal frames and class labels."""
+
+
+@app.command()
+def demo(
+    output: Annotated[
+        Path, typer.Option(help="Folder for figures and bag; replaced if a demo made it.")
+    ] = Path("demo"),
+) -> None:
+    """Replay the shipped bag with the shipped model: table, figures, output bag."""
+    from momrec_ros.commands import run_demo  # noqa: PLC0415
+
+    raise typer.Exit(run_demo(output))
+
+
+@app.command()
+def replay(
+    bag: BagPath,
+    *,
+    model: ModelPath = None,
+    output: BagOutput = None,
+    figures: FiguresOutput = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="A JSON object a line on stdout for each object.")
+    ] = False,
+    slices: Slices = parameters.SLICES.default,
+    projection: ProjectionRule = Projection.AUTO,
+    min_views: MinViews = parameters.MIN_VIEWS.default,
+    max_views: MaxViews = parameters.MAX_VIEWS.default,
+    max_objects: MaxObjects = parameters.MAX_OBJECTS.default,
+    object_timeout: ObjectTimeout = parameters.OBJECT_TIMEOUT.default,
+    world_frame: WorldFrame = parameters.WORLD_FRAME.default,
+) -> None:
+    """Turn the contours of a recorded bag into meshes, canonical shapes and names.
+
+    Without a model the objects are reconstructed and normalised, but not named.
+    """
+    from momrec_ros.commands import Recording, run_replay  # noqa: PLC0415
+
+    recording = Recording(
+        bag=bag,
+        projection=projection,
+        world_frame=world_frame,
+        slices=slices,
+        min_views=min_views,
+        max_views=max_views,
+        max_objects=max_objects,
+        object_timeout=object_timeout,
+    )
+    raise typer.Exit(run_replay(recording, model, output, figures, json=json))
+
+
+@app.command()
+def simulate(
+    meshes: Annotated[
+        list[Path],
+        typer.Argument(exists=True, dir_okay=False, help="Each an object, named by its stem."),
+    ],
+    *,
+    output: Annotated[Path, typer.Option(help="New bag folder.")],
+    views: Views = parameters.VIEWS.default,
+    projection: Annotated[
+        Projection, typer.Option(help="Cameras of parallel (auto) or of central projection.")
+    ] = Projection.ORTHOGRAPHIC,
+    distance: Distance = parameters.DISTANCE.default,
+    noise: Noise = parameters.NOISE.default,
+    seed: Seed = parameters.SEED.default,
+) -> None:
+    """Write views of meshes as a bag that `ros2 bag play` can play.
+
+    Each mesh comes to its own random position, orientation and size.
+    """
+    from momrec_ros.commands import run_simulate  # noqa: PLC0415
+
+    raise typer.Exit(
+        run_simulate(
+            meshes,
+            output,
+            views=views,
+            projection="central" if projection is Projection.CENTRAL else "orthographic",
+            distance=distance,
+            noise=noise,
+            seed=seed,
+        )
+    )
+
+
+@app.command()
+def train(
+    meshes: Annotated[
+        list[Path],
+        typer.Argument(exists=True, help="Files, and folders: a class per subfolder or per file."),
+    ],
+    *,
+    output: Annotated[Path, typer.Option(help="New model file (JSON).")],
+    instances: Instances = parameters.INSTANCES.default,
+    views: Views = parameters.VIEWS.default,
+    slices: Slices = parameters.SLICES.default,
+    noise: Noise = parameters.NOISE.default,
+    max_features: MaxFeatures = parameters.MAX_FEATURES.default,
+    order: Order = parameters.ORDER.default,
+    seed: Seed = parameters.SEED.default,
+    workers: Workers = parameters.WORKERS.default,
+) -> None:
+    """Learn to name the classes of meshes from simulated, reconstructed instances."""
+    from momrec_ros.commands import Course, run_train  # noqa: PLC0415
+
+    course = Course(
+        instances=instances,
+        views=views,
+        slices=slices,
+        noise=noise,
+        max_features=max_features,
+        order=order,
+        seed=seed,
+        workers=workers,
+    )
+    raise typer.Exit(run_train(meshes, output, course))
+
+
+@app.command()
+def reconstruct(
+    folder: Annotated[
+        Path, typer.Argument(exists=True, file_okay=False, help="Masks and cameras.json.")
+    ],
+    *,
+    output: Annotated[Path, typer.Option(help="New mesh file: .ply, .stl or .glb.")],
+    bag: Annotated[Path | None, typer.Option(help="New bag folder for the same views.")] = None,
+    figures: FiguresOutput = None,
+    slices: Slices = parameters.SLICES.default,
+) -> None:
+    """Turn binary masks with projection matrices into a mesh."""
+    from momrec_ros.commands import run_reconstruct  # noqa: PLC0415
+
+    raise typer.Exit(run_reconstruct(folder, output, bag, figures, slices=slices))
+
+
+def main() -> None:
+    """Run `momrec`; every expected error is one line on stderr and exit code 1."""
+    try:
+        app()
+    except (ValueError, OSError) as error:
+        from momrec_core.errors import MomrecError  # noqa: PLC0415
+
+        if not isinstance(error, (MomrecError, OSError)):
+            raise
+        typer.echo(f"momrec: {' '.join(str(error).split())}", err=True)
+        sys.exit(FAILED)

@@ -1,0 +1,307 @@
+"""What the commands of `momrec` do; each returns the exit code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from momrec_core.errors import MomrecError
+from momrec_core.model import RecognitionModel, load_model
+from momrec_core.recognizer import Recognizer
+from momrec_core.simulation import Projection, simulate_instance
+from momrec_core.view import View
+from momrec_ros import parameters
+from momrec_ros.bag import BagReader, BagWriter
+from momrec_ros.cameras_json import read_cameras_json
+from momrec_ros.demo_folder import replaced_folder
+from momrec_ros.figures import draw_object
+from momrec_ros.files import (
+    check_mesh_output,
+    expect_new,
+    file_name,
+    new_file,
+    new_folder,
+    read_mesh,
+    write_mesh,
+)
+from momrec_ros.messages import StampedView
+from momrec_ros.replay import Finished, Loss, Replay
+from momrec_ros.report import ResultRow, json_line, rate_table, result_row, result_table
+from momrec_ros.shared_data import shared_path
+from momrec_ros.terminal import Terminal
+from momrec_ros.training import find_classes, recognition_rates, reconstructed_instances
+
+__all__ = [
+    "Course",
+    "Recording",
+    "run_demo",
+    "run_reconstruct",
+    "run_replay",
+    "run_simulate",
+    "run_train",
+]
+
+ALL_USED, SOMETHING_LOST = 0, 3
+WORLD = "world"  # the frame of simulated views and of those of photographs
+FIRST_STAMP = 1_000_000_000  # nanoseconds; zero means "no time" to many ROS tools
+STEP = 100_000_000  # nanoseconds between simulated views: ten a second
+SHIPPED_BAG, SHIPPED_MODEL = "bags/ten_objects", "models/ten_objects.json"
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A bag and how to read it; the fields are the parameters of the same names."""
+
+    bag: Path
+    projection: str
+    world_frame: str
+    slices: int
+    min_views: int
+    max_views: int
+    max_objects: int
+    object_timeout: float
+
+
+@dataclass(frozen=True)
+class Course:
+    """How to train; the fields are the parameters of the same names."""
+
+    instances: int
+    views: int
+    slices: int
+    noise: float
+    max_features: int
+    order: int
+    seed: int
+    workers: int
+
+
+class _Sinks:
+    """All that a finished object is written to."""
+
+    def __init__(
+        self, terminal: Terminal, writer: BagWriter | None = None, figures: Path | None = None
+    ) -> None:
+        self._terminal = terminal
+        self._writer = writer
+        self._figures = figures
+        self._names: set[str] = set()
+        self.rows: list[ResultRow] = []
+
+    def take(self, finished: Finished) -> None:
+        result = finished.result
+        self.rows.append(result_row(result))
+        self._terminal.json(json_line(result))
+        if self._writer is not None:
+            self._writer.write_result(result, finished.stamp, finished.frame_id)
+        if self._figures is not None:
+            draw_object(result, self._figures / f"{self._new_name(result.object_id)}.png")
+
+    def _new_name(self, object_id: str) -> str:
+        name = file_name(object_id)
+        if name in self._names:
+            name = f"{name}-{len(self._names)}"
+        self._names.add(name)
+        return name
+
+
+def run_replay(
+    recording: Recording,
+    model: Path | None,
+    output: Path | None,
+    figures: Path | None,
+    *,
+    json: bool = False,
+) -> int:
+    """Replay a bag; see `momrec replay --help`."""
+    expect_new(output, figures)
+    terminal = Terminal(json=json)
+    if model is None:
+        terminal.say("no --model given: objects are not named")
+    with ExitStack() as stack:
+        writer = stack.enter_context(BagWriter(output)) if output else None
+        folder = stack.enter_context(new_folder(figures)) if figures else None
+        sinks = _Sinks(terminal, writer, folder)
+        losses = _replay(recording, model and load_model(model), writer, sinks, terminal)
+    terminal.table(result_table(sinks.rows))
+    terminal.wrote(output, figures)
+    return SOMETHING_LOST if losses else ALL_USED
+
+
+def _replay(
+    recording: Recording,
+    model: RecognitionModel | None,
+    writer: BagWriter | None,
+    sinks: _Sinks,
+    terminal: Terminal,
+) -> int:
+    """Replay a bag into the sinks; return how many things were lost."""
+    losses = 0
+    for outcome in _outcomes(recording, model, writer, terminal):
+        if isinstance(outcome, Loss):
+            terminal.lost(outcome.text)
+            losses += 1
+        else:
+            sinks.take(outcome)
+    if not sinks.rows:
+        raise MomrecError(f"Expected views of an object in {recording.bag}, got no result")
+    return losses
+
+
+def _outcomes(
+    recording: Recording,
+    model: RecognitionModel | None,
+    writer: BagWriter | None,
+    terminal: Terminal,
+) -> Iterator[Finished | Loss]:
+    replay = Replay(
+        model,
+        slices=recording.slices,
+        min_views=recording.min_views,
+        max_objects=recording.max_objects,
+        max_views=recording.max_views,
+        object_timeout=recording.object_timeout,
+    )
+    reader = BagReader(
+        recording.bag, projection=recording.projection, world_frame=recording.world_frame
+    )
+    for event in terminal.progress(reader, "replaying"):
+        if writer is not None and isinstance(event, StampedView):
+            writer.write_view(event)
+        yield from replay.feed(event)
+    yield from replay.finish()
+    for text in reader.report.losses:
+        yield Loss(text)
+
+
+def run_demo(output: Path) -> int:
+    """Replay the shipped bag with the shipped model; see `momrec demo --help`."""
+    recording = Recording(
+        bag=shared_path(SHIPPED_BAG),
+        projection=parameters.PROJECTION.default,
+        world_frame=parameters.WORLD_FRAME.default,
+        slices=parameters.SLICES.default,
+        min_views=parameters.MIN_VIEWS.default,
+        max_views=parameters.MAX_VIEWS.default,
+        max_objects=parameters.MAX_OBJECTS.default,
+        object_timeout=parameters.OBJECT_TIMEOUT.default,
+    )
+    terminal = Terminal()
+    with replaced_folder(output) as folder:
+        figures = folder / "figures"
+        figures.mkdir()
+        with BagWriter(folder / "results") as writer:
+            sinks = _Sinks(terminal, writer, figures)
+            losses = _replay(
+                recording, load_model(shared_path(SHIPPED_MODEL)), writer, sinks, terminal
+            )
+    terminal.table(result_table(sinks.rows))
+    terminal.wrote(output / "figures", output / "results")
+    return SOMETHING_LOST if losses else ALL_USED
+
+
+def run_simulate(
+    meshes: Sequence[Path],
+    output: Path,
+    *,
+    views: int,
+    projection: Projection,
+    distance: float,
+    noise: float,
+    seed: int,
+) -> int:
+    """Write views of meshes as a bag; see `momrec simulate --help`."""
+    expect_new(output)
+    stems = [path.stem for path in meshes]
+    repeated = sorted({stem for stem in stems if stems.count(stem) > 1})
+    if repeated:
+        raise MomrecError(f"Expected meshes with different stems, got several of {repeated}")
+    terminal = Terminal()
+    rng = np.random.default_rng(seed)
+    stamps = count(FIRST_STAMP, STEP)
+    with BagWriter(output) as writer:
+        for path in terminal.progress(meshes, "simulating", len(meshes)):
+            instance = simulate_instance(
+                read_mesh(path), views, rng, projection=projection, distance=distance, noise=noise
+            )
+            for stamped in _stamped(path.stem, instance.views, stamps):
+                writer.write_view(stamped)
+    terminal.wrote(output)
+    return ALL_USED
+
+
+def _stamped(object_id: str, views: Iterable[View], stamps: Iterator[int]) -> Iterator[StampedView]:
+    for view in views:
+        yield StampedView(object_id, next(stamps), WORLD, view)
+
+
+def run_train(paths: Sequence[Path], output: Path, course: Course) -> int:
+    """Learn classes from meshes; see `momrec train --help`."""
+    expect_new(output)
+    terminal = Terminal()
+    classes = find_classes(paths)
+    rebuilt = reconstructed_instances(
+        classes,
+        instances=course.instances,
+        views=course.views,
+        slices=course.slices,
+        noise=course.noise,
+        seed=course.seed,
+        workers=course.workers,
+    )
+    total = len(classes) * course.instances
+    pairs = list(terminal.progress(rebuilt, "reconstructing", total))
+    labels = [label for label, _ in pairs]
+    shapes = [shape for _, shape in pairs]
+    fit = partial(RecognitionModel.fit, max_features=course.max_features, order=course.order)
+    model = fit(shapes, labels)
+    rates = recognition_rates(model, fit, shapes, labels)
+    with new_file(output) as temporary:
+        model.save(temporary)
+    terminal.table(rate_table(rates))
+    terminal.wrote(output)
+    return ALL_USED
+
+
+def run_reconstruct(
+    folder: Path, output: Path, bag: Path | None, figures: Path | None, *, slices: int
+) -> int:
+    """Turn masks into a mesh; see `momrec reconstruct --help`."""
+    expect_new(output, bag, figures)
+    check_mesh_output(output)
+    terminal = Terminal()
+    masked = read_cameras_json(folder)
+    lost = [f"{mask.name}: {mask.reason}" for mask in masked.rejected]
+    for view in masked.views:
+        if view.touches_border:
+            terminal.say(f"{view.name}: the object touches the image's border")
+    object_id = folder.resolve().name
+    recognizer = Recognizer(slices=slices, max_views=parameters.MAX_VIEWS.maximum)
+    for view in terminal.progress(masked.views, "intersecting", len(masked.views)):
+        try:
+            recognizer.add_view(object_id, view.view)
+        except MomrecError as error:
+            lost.append(f"{view.name}: {error}")
+    for text in lost:
+        terminal.lost(text)
+    result = recognizer.result(object_id)
+    with ExitStack() as stack:
+        if bag is not None:
+            writer = stack.enter_context(BagWriter(bag))
+            views = [view.view for view in masked.views]
+            for stamped in _stamped(object_id, views, count(FIRST_STAMP, STEP)):
+                writer.write_view(stamped)
+        if figures is not None:
+            draw_object(
+                result, stack.enter_context(new_folder(figures)) / f"{file_name(object_id)}.png"
+            )
+        write_mesh(result.mesh, output)
+    terminal.table(result_table([result_row(result)]))
+    terminal.wrote(output, bag, figures)
+    return SOMETHING_LOST if lost else ALL_USED

@@ -1,0 +1,210 @@
+"""Files that are read with care and written at once or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import trimesh
+
+from momrec_core.errors import DegenerateShapeError, MomrecError
+
+__all__ = [
+    "MESH_INPUTS",
+    "MESH_OUTPUTS",
+    "check_mesh_output",
+    "expect_new",
+    "file_name",
+    "new_file",
+    "new_folder",
+    "read_mesh",
+    "write_mesh",
+]
+
+MESH_INPUTS = (".ply", ".stl", ".obj", ".off", ".glb")
+MESH_OUTPUTS = (".ply", ".stl", ".glb")
+LARGEST_MESH = 1 << 30  # bytes; above, reading takes minutes and most of a desktop's memory
+LONGEST_NAME = (
+    80  # characters of a file name that an object's id gives; file systems take 255 bytes
+)
+
+
+def expect_new(*paths: Path | None) -> None:
+    """Make sure that outputs do not exist yet, so that nothing is ever overwritten.
+
+    Parameters
+    ----------
+    *paths : Path or None
+        Outputs to be; None stands for an output that is not asked for.
+
+    Raises
+    ------
+    FileExistsError
+        If one exists.
+    """
+    for path in paths:
+        if path is not None and os.path.lexists(path):
+            raise FileExistsError(f"Expected an output that does not exist yet, got {path}")
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """Give a temporary path to write to, which becomes the file when all went well.
+
+    Parameters
+    ----------
+    path : Path
+        The file to be; its folder is made if need be.
+
+    Yields
+    ------
+    temporary : Path
+        In the same folder, with the same suffix.
+
+    Raises
+    ------
+    FileExistsError
+        If the file exists, also if it came into being meanwhile.
+    """
+    expect_new(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = _beside(path)
+    try:
+        yield temporary
+        expect_new(path)
+        temporary.rename(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """Give a temporary folder to fill, which becomes the folder when all went well.
+
+    Parameters
+    ----------
+    path : Path
+        The folder to be; its parent is made if need be.
+
+    Yields
+    ------
+    temporary : Path
+        An empty folder beside it.
+
+    Raises
+    ------
+    FileExistsError
+        If there is something of that name, also if it came into being meanwhile.
+    """
+    expect_new(path)
+    temporary = _beside(path)
+    temporary.mkdir(parents=True)
+    try:
+        yield temporary
+        expect_new(path)
+        temporary.rename(path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
+
+
+def file_name(object_id: str) -> str:
+    """Return a safe file name for an object, whatever its id.
+
+    Parameters
+    ----------
+    object_id : str
+        Untrusted; may be empty or contain separators.
+
+    Returns
+    -------
+    name : str
+        Of letters, digits, ``-``, ``_`` and ``.``, not empty, not beginning with a dot.
+    """
+    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in object_id)
+    return kept.lstrip(".")[:LONGEST_NAME] or "object"
+
+
+def read_mesh(path: Path) -> trimesh.Trimesh:
+    """Read a mesh.
+
+    Parameters
+    ----------
+    path : Path
+        A PLY, STL, OBJ, OFF or GLB file, in metres.
+
+    Returns
+    -------
+    mesh : Trimesh
+        All bodies of the file as one.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    DegenerateShapeError
+        If it is no mesh, is damaged, or has no faces.
+    """
+    if path.suffix.lower() not in MESH_INPUTS:
+        raise DegenerateShapeError(f"Expected one of {', '.join(MESH_INPUTS)}, got {path}")
+    if path.stat().st_size > LARGEST_MESH:
+        raise DegenerateShapeError(
+            f"Expected a mesh of at most {LARGEST_MESH} bytes, got {path} of {path.stat().st_size}"
+        )
+    try:
+        mesh = trimesh.load(path, file_type=path.suffix[1:].lower(), force="mesh")
+    except OSError:
+        raise
+    except Exception as error:  # the readers raise whatever a damaged file leads them to
+        raise DegenerateShapeError(
+            f"Expected a mesh, got a damaged file {path}: {error}"
+        ) from error
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+        raise DegenerateShapeError(f"Expected a mesh with faces, got none in {path}")
+    return mesh
+
+
+def check_mesh_output(path: Path) -> None:
+    """Make sure that a mesh can be written under a name.
+
+    Parameters
+    ----------
+    path : Path
+        The file to be.
+
+    Raises
+    ------
+    MomrecError
+        If its suffix is none of .ply, .stl and .glb.
+    """
+    if path.suffix.lower() not in MESH_OUTPUTS:
+        raise MomrecError(f"Expected a name ending in {', '.join(MESH_OUTPUTS)}, got {path}")
+
+
+def write_mesh(mesh: trimesh.Trimesh, path: Path) -> None:
+    """Write a mesh, at once or not at all.
+
+    Parameters
+    ----------
+    mesh : Trimesh
+        In metres.
+    path : Path
+        A new file; its suffix says the format: .ply, .stl or .glb.
+
+    Raises
+    ------
+    FileExistsError
+        If the file exists.
+    MomrecError
+        If the suffix is another.
+    """
+    check_mesh_output(path)
+    with new_file(path) as temporary:
+        mesh.export(temporary, file_type=path.suffix[1:].lower())

@@ -1,0 +1,160 @@
+"""What the command line says about finished objects: JSON lines and a table."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+from rich.text import Text
+from scipy.spatial.transform import Rotation
+
+if TYPE_CHECKING:
+    from momrec_core.recognizer import ObjectResult
+    from momrec_ros.training import ClassRate
+
+__all__ = ["ResultRow", "json_line", "printable", "rate_table", "result_row", "result_table"]
+
+
+def json_line(result: ObjectResult) -> str:
+    """Describe a result for programs.
+
+    Parameters
+    ----------
+    result : ObjectResult
+        Of a finished object.
+
+    Returns
+    -------
+    line : str
+        One JSON object without a line break: object, label, known, distance, score, views,
+        slices, area (m^2), volume (m^3), scale (world to canonical, 1/m), position [x, y, z]
+        (m) and orientation [x, y, z, w] of the principal frame in the world, unique_frame,
+        rejected_views. Without a model label is "unknown", distance and score are null.
+    """
+    recognition, canonical = result.recognition, result.canonical
+    pose = canonical.principal_frame
+    return json.dumps(
+        {
+            "object": result.object_id,
+            "label": recognition.label if recognition else "unknown",
+            "known": bool(recognition and recognition.known),
+            "distance": _finite(recognition.distance) if recognition else None,
+            "score": _finite(recognition.score) if recognition else None,
+            "views": result.views,
+            "slices": result.slices,
+            "area": result.area,
+            "volume": result.volume,
+            "scale": float(canonical.scale),
+            "position": pose[:3, 3].tolist(),
+            "orientation": Rotation.from_matrix(pose[:3, :3]).as_quat().tolist(),
+            "unique_frame": bool(canonical.is_unique),
+            "rejected_views": result.rejected_views,
+        },
+        allow_nan=False,
+    )
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def printable(text: str) -> str:
+    """Return text from outside without what a terminal would obey.
+
+    Parameters
+    ----------
+    text : str
+        Untrusted.
+
+    Returns
+    -------
+    text : str
+        In one line; control characters are escaped.
+    """
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+ResultRow = tuple[Text, ...]
+
+
+def result_row(result: ObjectResult) -> ResultRow:
+    """Return the cells that describe a result in `result_table`."""
+    position = result.canonical.principal_frame[:3, 3]
+    unique = result.canonical.is_unique
+    return (
+        Text(printable(result.object_id), style="bold"),
+        _label(result),
+        Text(f"{result.recognition.score:.3f}" if result.recognition else ""),
+        Text(str(result.views)),
+        Text(f"{result.area:.4g}"),
+        Text(f"{result.volume:.4g}"),
+        Text(" ".join(f"{coordinate:.3g}" for coordinate in position)),
+        Text("yes", style="green") if unique else Text("no", style="yellow"),
+        Text(str(result.rejected_views), style="red" if result.rejected_views else ""),
+    )
+
+
+def result_table(rows: Sequence[ResultRow]) -> Table:
+    """Describe results for people.
+
+    Parameters
+    ----------
+    rows : sequence of ResultRow
+        Of `result_row`.
+
+    Returns
+    -------
+    table : rich Table
+    """
+    table = Table(title=f"{len(rows)} object{'s' * (len(rows) != 1)}")
+    for heading in ("object", "label"):
+        table.add_column(heading, overflow="fold")
+    for heading in ("score", "views", "area m²", "volume m³", "position m"):
+        table.add_column(heading, justify="right")
+    table.add_column("unique frame", justify="center")
+    table.add_column("rejected", justify="right")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def rate_table(rates: Sequence[ClassRate]) -> Table:
+    """Describe how well a new model names the instances of each class, and of all.
+
+    Parameters
+    ----------
+    rates : sequence of ClassRate
+        One per class.
+
+    Returns
+    -------
+    table : rich Table
+    """
+    total = sum(rate.instances for rate in rates)
+    table = Table(title="rightly named", show_footer=True)
+    table.add_column("class", "all", overflow="fold")
+    table.add_column("instances", str(total), justify="right")
+    for heading, shares in (
+        ("training %", [rate.training for rate in rates]),
+        ("cross-validated %", [rate.cross_validated for rate in rates]),
+    ):
+        right = sum(share * rate.instances for share, rate in zip(shares, rates, strict=True))
+        table.add_column(heading, f"{100 * right / total:.1f}", justify="right")
+    for rate in rates:
+        table.add_row(
+            Text(printable(rate.label), style="bold"),
+            str(rate.instances),
+            f"{100 * rate.training:.1f}",
+            f"{100 * rate.cross_validated:.1f}",
+        )
+    return table
+
+
+def _label(result: ObjectResult) -> Text:
+    if result.recognition is None:
+        return Text("-", style="dim")
+    style = "green" if result.recognition.known else "yellow"
+    return Text(printable(result.recognition.label), style=style)
