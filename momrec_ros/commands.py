@@ -282,7 +282,7 @@ def run_reconstruct(
         if view.touches_border:
             terminal.say(f"{view.name}: the object touches the image's border")
     object_id = folder.resolve().name
-    recognizer = Recognizer(slices=slices, max_views=parameters.MAX_VIEWS.maximum)
+    recognizer = Recognizer(slices=slices, max_views=max(2, len(masked.views)))
     for view in terminal.progress(masked.views, "intersecting", len(masked.views)):
         try:
             recognizer.add_view(object_id, view.view)

@@ -126,9 +126,9 @@ def file_name(object_id: str) -> str:
     Returns
     -------
     name : str
-        Of letters, digits, ``-``, ``_`` and ``.``, not empty, not beginning with a dot.
+        Of ASCII letters, digits, ``-``, ``_`` and ``.``, not empty, not beginning with a dot.
     """
-    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in object_id)
+    kept = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in object_id)
     return kept.lstrip(".")[:LONGEST_NAME] or "object"
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from momrec_core.errors import MomrecError
 from momrec_core.model import RecognitionModel
+
+from momrec_core.errors import MomrecError
 from momrec_core.recognizer import ObjectResult, Recognizer
-from momrec_ros.bag import Forget, Rejected, StampedView
+from momrec_ros.messages import Forget, Rejected, StampedView
 
 __all__ = ["Finished", "Loss", "Replay"]
 

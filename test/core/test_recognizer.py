@@ -1,0 +1,221 @@
+"""The accumulating pipeline: bounded, refined view by view, unharmed by bad views."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import trimesh
+from shapely import Polygon
+
+from momrec_core import (
+    Camera,
+    EmptyHullError,
+    MomrecError,
+    NoCommonLineError,
+    RecognitionModel,
+    Recognizer,
+    View,
+    reconstruct,
+)
+from momrec_core.simulation import random_similarity, simulate_views
+
+SLICES = 16
+
+
+def box_views(count=6, seed=0, extents=(1.0, 2.0, 3.0)):
+    return simulate_views(trimesh.creation.box(extents), count, np.random.default_rng(seed))
+
+
+def far_view(view):
+    """Return the same silhouette as seen by a camera a hundred metres to the right."""
+    pose = view.camera.pose.copy()
+    pose[:3, 3] += 100 * pose[:3, 0]
+    return View(Camera.orthographic(pose), view.silhouette)
+
+
+def filled(views, **options):
+    recognizer = Recognizer(slices=SLICES, **options)
+    for view in views:
+        recognizer.add_view("box", view)
+    return recognizer
+
+
+def test_a_result_is_that_of_the_visual_hull_of_the_views():
+    views = box_views()
+    result = filled(views).result("box")
+    expected = reconstruct(views, SLICES).mesh()
+    np.testing.assert_array_equal(result.mesh.vertices, expected.vertices)
+    np.testing.assert_array_equal(result.mesh.faces, expected.faces)
+    assert (result.object_id, result.views, result.slices) == ("box", 6, SLICES)
+    assert result.rejected_views == 0
+    assert result.volume == pytest.approx(expected.volume)
+    assert result.area == pytest.approx(expected.area)
+    assert result.recognition is None
+    assert result.canonical.mesh.area == pytest.approx(100.0)
+
+
+def test_each_view_refines_the_object_and_former_results_stay():
+    views = box_views(8)
+    recognizer = filled(views[:1])
+    results = []
+    for view in views[1:]:
+        recognizer.add_view("box", view)
+        results.append(recognizer.result("box"))
+    assert [result.views for result in results] == list(range(2, 9))
+    volumes = [result.volume for result in results]
+    assert all(later < 1.001 * earlier for earlier, later in pairwise(volumes))
+    assert 6.0 < volumes[-1] < 1.25 * 6.0  # the hull holds the box, and little more
+    assert [len(result.hull.views) for result in results] == list(range(2, 9))
+
+
+def test_a_result_is_computed_once_and_anew_after_a_view():
+    views = box_views()
+    recognizer = filled(views[:-1])
+    first = recognizer.result("box")
+    assert recognizer.result("box").mesh is first.mesh
+    recognizer.add_view("box", views[-1])
+    assert recognizer.result("box").mesh is not first.mesh
+
+
+def test_objects_do_not_touch_each_other():
+    shapes = {"flat": (1.0, 2.0, 0.2), "long": (4.0, 1.0, 1.0), "": (1.0, 1.0, 1.0)}
+    streams = {
+        name: box_views(6, seed, extents) for seed, (name, extents) in enumerate(shapes.items())
+    }
+    recognizer = Recognizer(slices=SLICES)
+    for views in zip(*streams.values(), strict=True):
+        for name, view in zip(streams, views, strict=True):
+            recognizer.add_view(name, view)
+    assert recognizer.objects == tuple(streams)
+    for name, views in streams.items():
+        alone = reconstruct(views, SLICES).mesh()
+        np.testing.assert_array_equal(recognizer.result(name).mesh.vertices, alone.vertices)
+
+
+@pytest.mark.parametrize("position", range(6))
+def test_one_contradicting_view_is_counted_and_costs_nothing_else(position):
+    views = box_views()
+    stream = [*views]
+    stream.insert(position, far_view(views[position]))
+    recognizer = Recognizer(slices=SLICES)
+    errors = []
+    for view in stream:
+        try:
+            recognizer.add_view("box", view)
+        except EmptyHullError as error:
+            errors.append(str(error))
+    result = recognizer.result("box")
+    assert errors
+    assert all("leaves nothing" in error for error in errors)
+    assert (result.views, result.rejected_views) == (6, 1)
+    assert result.volume == pytest.approx(reconstruct(views, SLICES).mesh().volume, rel=0.02)
+
+
+def test_a_view_that_was_rejected_leaves_the_result_as_it_was():
+    views = box_views()
+    recognizer = filled(views)
+    before = recognizer.result("box")
+    with pytest.raises(EmptyHullError, match="after 6 views"):
+        recognizer.add_view("box", far_view(views[0]))
+    after = recognizer.result("box")
+    assert after.mesh is before.mesh
+    assert (before.rejected_views, after.rejected_views) == (0, 1)
+
+
+def test_views_that_could_not_be_decoded_are_counted_also_before_the_first_view():
+    recognizer = Recognizer(slices=SLICES)
+    recognizer.reject("box")
+    assert recognizer.objects == ()
+    for view in box_views():
+        recognizer.add_view("box", view)
+    recognizer.reject("box")
+    assert recognizer.result("box").rejected_views == 2
+
+
+def test_rejected_views_of_unseen_objects_evict_nothing():
+    recognizer = filled(box_views(), max_objects=2)
+    for number in range(1000):
+        recognizer.reject(f"unseen {number}")
+    assert recognizer.objects == ("box",)
+    assert recognizer.result("box").rejected_views == 0
+
+
+def test_the_object_without_a_view_for_longest_is_evicted_with_its_result():
+    views = box_views(5)
+    evicted = []
+    recognizer = Recognizer(
+        slices=SLICES,
+        max_objects=2,
+        on_evict=lambda object_id: evicted.append(recognizer.result(object_id)),
+    )
+    for object_id, view in zip("ababa", views, strict=True):
+        recognizer.add_view(object_id, view)
+    recognizer.add_view("c", views[0])
+    assert [(result.object_id, result.views) for result in evicted] == [("b", 2)]
+    assert recognizer.objects == ("a", "c")
+
+
+def test_views_beyond_the_limit_are_rejected():
+    views = box_views(6)
+    recognizer = filled(views[:4], max_views=4)
+    with pytest.raises(MomrecError, match="at most 4 views of object 'box'"):
+        recognizer.add_view("box", views[4])
+    result = recognizer.result("box")
+    assert (result.views, result.rejected_views) == (4, 1)
+
+
+def test_too_few_views_are_no_result_yet():
+    recognizer = filled(box_views(3), min_views=4)
+    with pytest.raises(NoCommonLineError, match="at least 4 views of object 'box', got 3"):
+        recognizer.result("box")
+
+
+def test_views_from_one_side_are_no_result_yet():
+    view = box_views(1)[0]
+    with pytest.raises(NoCommonLineError, match="different viewing directions"):
+        filled([view, view]).result("box")
+
+
+def test_a_forgotten_object_begins_anew():
+    views = box_views()
+    recognizer = filled(views)
+    recognizer.reject("box")
+    recognizer.forget("box")
+    recognizer.forget("never seen")
+    assert recognizer.objects == ()
+    with pytest.raises(KeyError, match="box"):
+        recognizer.result("box")
+    for view in views[:3]:
+        recognizer.add_view("box", view)
+    assert (recognizer.result("box").views, recognizer.result("box").rejected_views) == (3, 0)
+
+
+@pytest.mark.parametrize(
+    "options", [{"min_views": 1}, {"max_objects": 0}, {"max_views": 1}, {"slices": 1}]
+)
+def test_numbers_out_of_range_are_refused(options):
+    with pytest.raises(ValueError, match="Expected"):
+        Recognizer(**options)
+
+
+def test_a_model_names_the_object():
+    rng = np.random.default_rng(7)
+    models = {
+        "box": trimesh.creation.box((1, 2, 3)),
+        "cone": trimesh.creation.cone(1.0, 3.0),
+        "wedge": trimesh.creation.extrude_polygon(Polygon([(0, 0), (4, 0), (0, 1.5)]), 1.0),
+    }
+    shapes, labels = [], []
+    for label, mesh in models.items():
+        for _ in range(8):
+            views = simulate_views(random_similarity(mesh, rng), 8, rng)
+            shapes.append(reconstruct(views, SLICES).mesh())
+            labels.append(label)
+    model = RecognitionModel.fit(shapes, labels, max_features=3)
+    recognizer = Recognizer(model, slices=SLICES)
+    for label, mesh in models.items():
+        for view in simulate_views(random_similarity(mesh, rng), 8, rng):
+            recognizer.add_view(label, view)
+    for label in models:
+        recognition = recognizer.result(label).recognition
+        assert recognition.ranking[0][0] == label
