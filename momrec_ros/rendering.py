@@ -16,7 +16,7 @@ FRAGMENTS = 4_000_000  # samples that are worked on at a time; bounds the memory
 CREASE_ANGLE = np.deg2rad(30.0)  # faces that meet flatter than this are shaded as one surface
 SMOOTHING_ROUNDS = 3  # evens out the strips between slices, keeps what is wider
 LIGHT = np.array([-0.45, 0.60, 0.66])  # right, up, towards the viewer: over the left shoulder
-AMBIENT, DIFFUSE, GLOSS = 0.42, 0.58, 0.10
+AMBIENT, DIFFUSE, GLOSS = 0.30, 0.72, 0.10
 STEP = 0.04  # of the picture's half width: a depth difference that is drawn as a line
 LINE_STRENGTH = 0.45
 
@@ -204,7 +204,7 @@ def _shade(normals_seen: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the brightness of faces by their normals (right, up, towards the viewer)."""
     light = LIGHT / np.linalg.norm(LIGHT)
     halfway = light + np.array([0.0, 0.0, 1.0])
-    diffuse = np.clip(normals_seen @ light, 0, None)
+    diffuse = 0.5 + 0.5 * normals_seen @ light  # half Lambert: also the side in shadow has form
     gloss = np.clip(normals_seen @ halfway / np.linalg.norm(halfway), 0, None) ** 20
     shade: NDArray[np.float64] = AMBIENT + DIFFUSE * diffuse + GLOSS * gloss
     return shade
