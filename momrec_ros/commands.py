@@ -10,14 +10,15 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
+from momrec_core.model import RecognitionModel, load_model
 
 from momrec_core.errors import MomrecError
-from momrec_core.model import RecognitionModel, load_model
 from momrec_core.recognizer import Recognizer
 from momrec_core.simulation import Projection, simulate_instance
 from momrec_core.view import View
 from momrec_ros import parameters
-from momrec_ros.bag import BagReader, BagWriter
+from momrec_ros.bag import read_bag
+from momrec_ros.bag_writer import BagWriter
 from momrec_ros.cameras_json import read_cameras_json
 from momrec_ros.demo_folder import replaced_folder
 from momrec_ros.figures import draw_object
@@ -31,7 +32,7 @@ from momrec_ros.files import (
     write_mesh,
 )
 from momrec_ros.messages import StampedView
-from momrec_ros.replay import Finished, Loss, Replay
+from momrec_ros.replay import Finished, Lost, Replay
 from momrec_ros.report import ResultRow, json_line, rate_table, result_row, result_table
 from momrec_ros.shared_data import shared_path
 from momrec_ros.terminal import Terminal
@@ -144,7 +145,7 @@ def _replay(
     """Replay a bag into the sinks; return how many things were lost."""
     losses = 0
     for outcome in _outcomes(recording, model, writer, terminal):
-        if isinstance(outcome, Loss):
+        if isinstance(outcome, Lost):
             terminal.lost(outcome.text)
             losses += 1
         else:
@@ -159,7 +160,7 @@ def _outcomes(
     model: RecognitionModel | None,
     writer: BagWriter | None,
     terminal: Terminal,
-) -> Iterator[Finished | Loss]:
+) -> Iterator[Finished | Lost]:
     replay = Replay(
         model,
         slices=recording.slices,
@@ -168,16 +169,19 @@ def _outcomes(
         max_views=recording.max_views,
         object_timeout=recording.object_timeout,
     )
-    reader = BagReader(
+    reader = read_bag(
         recording.bag, projection=recording.projection, world_frame=recording.world_frame
     )
-    for event in terminal.progress(reader, "replaying"):
+    events = terminal.progress(reader, "replaying", reader.size, lambda: reader.position)
+    for event in events:
         if writer is not None and isinstance(event, StampedView):
             writer.write_view(event)
         yield from replay.feed(event)
     yield from replay.finish()
-    for text in reader.report.losses:
-        yield Loss(text)
+    for note in reader.report.notes:
+        terminal.say(note)
+    for loss in reader.report.losses:
+        yield Lost(f"{loss.size} bytes of the bag: {loss.reason}")
 
 
 def run_demo(output: Path) -> int:

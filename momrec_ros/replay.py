@@ -11,7 +11,7 @@ from momrec_core.errors import MomrecError
 from momrec_core.recognizer import ObjectResult, Recognizer
 from momrec_ros.messages import Forget, Rejected, StampedView
 
-__all__ = ["Finished", "Loss", "Replay"]
+__all__ = ["Finished", "Lost", "Replay"]
 
 NANOSECONDS = 1_000_000_000
 
@@ -36,7 +36,7 @@ class Finished:
 
 
 @dataclass(frozen=True)
-class Loss:
+class Lost:
     """Something of the recording that could not be used.
 
     Attributes
@@ -84,9 +84,9 @@ class Replay:
         )
         self._timeout = round(object_timeout * NANOSECONDS)
         self._last_used: dict[str, tuple[int, str]] = {}
-        self._outcomes: list[Finished | Loss] = []
+        self._outcomes: list[Finished | Lost] = []
 
-    def feed(self, event: StampedView | Forget | Rejected) -> Iterator[Finished | Loss]:
+    def feed(self, event: StampedView | Forget | Rejected) -> Iterator[Finished | Lost]:
         """Use one event.
 
         Parameters
@@ -96,7 +96,7 @@ class Replay:
 
         Yields
         ------
-        outcome : Finished or Loss
+        outcome : Finished or Lost
             What came of it, mostly nothing.
         """
         if isinstance(event, StampedView):
@@ -113,12 +113,12 @@ class Replay:
             self._recognizer.forget(named)
         yield from self._told()
 
-    def finish(self) -> Iterator[Finished | Loss]:
+    def finish(self) -> Iterator[Finished | Lost]:
         """End the recording.
 
         Yields
         ------
-        outcome : Finished or Loss
+        outcome : Finished or Lost
             The objects that were still gathering views, in the order of their first view.
         """
         for object_id in self._recognizer.objects:
@@ -144,7 +144,7 @@ class Replay:
         try:
             result = self._recognizer.result(object_id)
         except MomrecError as error:
-            self._outcomes.append(Loss(f"object {object_id!r} has no result: {error}"))
+            self._outcomes.append(Lost(f"object {object_id!r} has no result: {error}"))
         else:
             self._outcomes.append(Finished(result, *self._last_used[object_id]))
         self._recognizer.forget(object_id)
@@ -153,9 +153,9 @@ class Replay:
     def _lose(self, object_id: str, stamp: int, reason: str) -> None:
         seconds = stamp / NANOSECONDS
         self._outcomes.append(
-            Loss(f"view of object {object_id!r} at {seconds:.3f} s left out: {reason}")
+            Lost(f"view of object {object_id!r} at {seconds:.3f} s left out: {reason}")
         )
 
-    def _told(self) -> Iterator[Finished | Loss]:
+    def _told(self) -> Iterator[Finished | Lost]:
         outcomes, self._outcomes = self._outcomes, []
         yield from outcomes

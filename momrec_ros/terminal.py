@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from momrec_ros.report import printable
@@ -59,7 +59,11 @@ class Terminal:
             print(line, flush=True)  # noqa: T201  the product itself, which rich must not touch
 
     def progress(
-        self, items: Iterable[Item], what: str, total: int | None = None
+        self,
+        items: Iterable[Item],
+        what: str,
+        total: int,
+        done: Callable[[], int] | None = None,
     ) -> Iterator[Item]:
         """Show a bar while items are worked on, where stderr is a terminal.
 
@@ -69,8 +73,10 @@ class Terminal:
             Passed on one by one.
         what : str
             What is being done.
-        total : int or None
-            Number of items, if known.
+        total : int
+            The work in all: number of items, unless `done` says otherwise.
+        done : callable or None
+            Returns how much of the work is done; None for the number of items.
 
         Yields
         ------
@@ -79,7 +85,7 @@ class Terminal:
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
-            MofNCompleteColumn(),
+            TaskProgressColumn(),
             TimeElapsedColumn(),
         )
         shown = self._messages.is_terminal
@@ -87,6 +93,6 @@ class Terminal:
             *columns, console=self._messages, transient=True, disable=not shown
         ) as progress:
             task = progress.add_task(what, total=total)
-            for item in items:
+            for number, item in enumerate(items, start=1):
                 yield item
-                progress.advance(task)
+                progress.update(task, completed=number if done is None else done())
