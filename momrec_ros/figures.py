@@ -222,10 +222,11 @@ def _draw_slices(panel: SubFigure, result: ObjectResult) -> None:
     axes = _panel_axes(panel)
     hull, viewpoint = result.hull, _world_viewpoint(result)
     upwards = float(hull.plane_frame[:3, 2] @ viewpoint.axes[2])
-    filled = [index for index, region in enumerate(hull.sections) if not region.is_empty]
+    sections = hull.sections
+    filled = [index for index, region in enumerate(sections) if not region.is_empty]
     shown = [filled[index] for index in _evenly(len(filled), MAX_SLICES)]
     for place, index in enumerate(shown if upwards > 0 else shown[::-1]):
-        region = _seen_section(hull, index, viewpoint)
+        region = _seen_section(hull, index, sections[index], viewpoint)
         color = _blend(DEEP, SKY, place / max(1, len(shown) - 1))
         _fill(axes, region, color, edge="white", width=0.7)
     caption = f"{len(hull.offsets)} cross-sections of the visual hull"
@@ -340,14 +341,16 @@ def _show_mesh(axes: Axes, mesh: trimesh.Trimesh, viewpoint: Viewpoint, pixels: 
     return rendering
 
 
-def _seen_section(hull: VisualHull, index: int, viewpoint: Viewpoint) -> MultiPolygon:
+def _seen_section(
+    hull: VisualHull, index: int, section: MultiPolygon, viewpoint: Viewpoint
+) -> MultiPolygon:
     frame, offset = hull.plane_frame, hull.offsets[index]
 
     def seen(points: NDArray[np.float64]) -> NDArray[np.float64]:
         in_frame = np.column_stack([points, np.full(len(points), offset)])
         return viewpoint.project(in_frame @ frame[:3, :3].T + frame[:3, 3])[:, :2]
 
-    lifted: MultiPolygon = shapely.transform(hull.sections[index], seen)
+    lifted: MultiPolygon = shapely.transform(section, seen)
     return lifted
 
 
