@@ -134,9 +134,10 @@ def match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
 def _meeting(
     polygons: NDArray[np.object_], pairs: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the index pairs, of those given, whose polygons meet."""
+    """Return the index pairs, of those given, whose polygons have an area in common."""
     lower, upper = pairs.T
-    meet = shapely.intersects(polygons[lower], polygons[upper])
+    below, above = polygons[lower], polygons[upper]
+    meet = shapely.intersects(below, above) & ~shapely.touches(below, above)
     return lower[meet], upper[meet]
 
 

@@ -1,19 +1,24 @@
-"""Surfaces that touch themselves, taken apart into sheets that do not share edges."""
+"""Edges that more than two triangles share, doubled so that each is shared by two."""
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-__all__ = ["separate_sheets"]
+__all__ = ["double_shared_edges"]
+
+ODD_RANKS = (0 * 9 + 2 * 3 + 1, 1 * 9 + 0 * 3 + 2, 2 * 9 + 1 * 3 + 0)  # odd permutations of 0 1 2
 
 
-def separate_sheets(
+def double_shared_edges(
     points: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Double vertices where more than two triangles share an edge.
+    """Make a closed surface edge-manifold where it touches itself along an edge.
+
+    The triangles around such an edge are taken in pairs with material between them. One pair
+    keeps the edge, each other one gets a vertex of its own in the edge's middle.
 
     Parameters
     ----------
@@ -24,26 +29,71 @@ def separate_sheets(
     Returns
     -------
     points : array, shape (n', 3)
-        The used ones, some of them twice.
-    triangles : array of int, shape (m, 3)
-        The same triangles; every edge is shared by exactly two of them.
+        The given ones and the new ones.
+    triangles : array of int, shape (m', 3)
+        Every edge is shared by exactly two of them.
     """
-    heads, tails = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
-    edges = np.minimum(heads, tails) * len(points) + np.maximum(heads, tails)
-    order = np.lexsort([heads > tails, edges])
-    _, first, counts = np.unique(edges[order], return_index=True, return_counts=True)
-    if (counts == 2).all():
+    order, first, counts = _group_edges(len(points), triangles)
+    if counts.max(initial=0) <= 2:
         return points, triangles
-    simple = first[counts == 2]
-    pairs = [np.c_[order[simple], order[simple + 1]]]
-    for start, count in zip(first[counts > 2], counts[counts > 2], strict=True):
-        pairs.append(_pair_around_edge(points, triangles, order[start : start + count]))
-    return _split_vertices(points, triangles, np.concatenate(pairs))
+    triangles = _without_flaps(triangles)
+    order, first, counts = _group_edges(len(points), triangles)
+    shared = np.flatnonzero(counts > 2)
+    if len(shared) == 0:
+        return points, triangles
+    heads, tails = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    middles: list[NDArray[np.float64]] = []
+    inserted: dict[int, dict[int, int]] = defaultdict(dict)
+    for start, count in zip(first[shared], counts[shared], strict=True):
+        sides = order[start : start + count]
+        middle = points[[heads[sides[0]], tails[sides[0]]]].mean(axis=0)
+        for pair in _pair_around_edge(points, triangles, sides)[1:]:
+            for side in pair:
+                inserted[side // 3][side % 3] = len(points) + len(middles)
+            middles.append(middle)
+    whole = np.delete(triangles, list(inserted), axis=0)
+    parts = [_fan(triangles[face], corners) for face, corners in inserted.items()]
+    return np.concatenate([points, middles]), np.concatenate([whole, *parts])
+
+
+def _group_edges(
+    count: int, triangles: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Sort the sides of triangles by edge; return the order, where each edge begins, how many."""
+    heads, tails = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    edges = np.minimum(heads, tails) * count + np.maximum(heads, tails)
+    order = np.argsort(edges, kind="stable")
+    _, first, counts = np.unique(edges[order], return_index=True, return_counts=True)
+    return order, first, counts
+
+
+def _without_flaps(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Leave out pairs of triangles that lie upon each other, back to back."""
+    ranks = np.argsort(triangles, axis=1)
+    corners = np.take_along_axis(triangles, ranks, axis=1)
+    odd = np.isin(ranks @ (9, 3, 1), ODD_RANKS)
+    _, groups = np.unique(corners, axis=0, return_inverse=True)
+    groups = groups.ravel()
+    excess = np.bincount(groups, weights=np.where(odd, -1.0, 1.0))
+    return triangles[excess[groups] != 0]
+
+
+def _fan(triangle: NDArray[np.int64], inserted: dict[int, int]) -> NDArray[np.int64]:
+    """Divide a triangle that has vertices inserted into its sides."""
+    loop: list[int] = []
+    for corner in range(3):
+        loop.append(int(triangle[corner]))
+        if corner in inserted:
+            loop.append(inserted[corner])
+    hub = next(iter(inserted.values()))
+    at = loop.index(hub)
+    rim = loop[at + 1 :] + loop[:at]
+    return np.array([(hub, rim[k], rim[k + 1]) for k in range(len(rim) - 1)])
 
 
 def _pair_around_edge(
     points: NDArray[np.float64], triangles: NDArray[np.int64], sides: NDArray[np.int64]
-) -> NDArray[np.int64]:
+) -> list[tuple[int, int]]:
     """Pair the sides that share an edge so that each pair has material between its triangles.
 
     Bodies that touch along the edge come apart so. Around the edge from its first vertex to its
@@ -60,25 +110,14 @@ def _pair_around_edge(
         across[2] *= -1
     spokes = (points[triangles[faces, (corners + 2) % 3]] - origin) @ across[1:].T
     turn = np.lexsort([along, np.arctan2(spokes[:, 1], spokes[:, 0])])
+    ends = along[turn]
+    balance = np.cumsum(np.where(ends, -1, 1))
+    begin = int(np.argmin(balance)) + 1
     waiting: list[int] = []
     pairs = []
-    for side, ends in [*zip(sides[turn], along[turn], strict=True)] * 2:
-        if not ends and len(waiting) + len(pairs) < len(sides) // 2:
-            waiting.append(side)
-        elif ends and waiting and not any(side == pair[0] for pair in pairs):
-            pairs.append((side, waiting.pop()))
-    return np.array(pairs)
-
-
-def _split_vertices(
-    points: NDArray[np.float64], triangles: NDArray[np.int64], side_pairs: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Give each vertex as many copies as there are fans of triangles around it."""
-    following = np.arange(triangles.size).reshape(-1, 3)[:, [1, 2, 0]].ravel()
-    first, second = side_pairs.T
-    joined = np.r_[np.c_[first, following[second]], np.c_[following[first], second]]
-    shape = (triangles.size, triangles.size)
-    graph = coo_array((np.ones(len(joined)), joined.T), shape=shape)
-    _, fans = connected_components(graph, directed=False)
-    _, representatives, faces = np.unique(fans, return_index=True, return_inverse=True)
-    return points[triangles.ravel()[representatives]], faces.reshape(-1, 3)
+    for side, is_end in zip(np.roll(sides[turn], -begin), np.roll(ends, -begin), strict=True):
+        if is_end:
+            pairs.append((int(side), waiting.pop()))
+        else:
+            waiting.append(int(side))
+    return pairs

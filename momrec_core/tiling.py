@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from momrec_core.knots import Knot, KnotError, cap, join_knot
 from momrec_core.layers import Layer, Slab, hole_pairs, match_layers
-from momrec_core.manifolds import separate_sheets
+from momrec_core.manifolds import double_shared_edges
 from momrec_core.noding import Edges, find_contacts
 from momrec_core.walking import walk_bands
 
@@ -59,7 +59,7 @@ def tile(layers: Sequence[Layer]) -> tuple[NDArray[np.float64], NDArray[np.int64
         )
         triangles.append(_joined(contours, knot, index))
     triangles.extend(_caps(contours, rings, slabs))
-    return separate_sheets(contours.points, np.concatenate(triangles))
+    return double_shared_edges(contours.points, np.concatenate(triangles))
 
 
 @dataclass(eq=False)
