@@ -52,13 +52,54 @@ def silhouette_of_mesh(mesh: trimesh.Trimesh, camera: Camera) -> View:
     return View.from_rings(camera, [ring * extent + low for ring in rings])
 
 
-def _outline(
-    points: NDArray[np.float64], faces: NDArray[np.int64]
-) -> list[NDArray[np.float64]]:
+def _outline(points: NDArray[np.float64], faces: NDArray[np.int64]) -> list[NDArray[np.float64]]:
+    """Return the rings of the union of all faces, from the edges where their layers change."""
     triangles = points[faces]
     sides = triangles[:, 1:] - triangles[:, :1]
     areas = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
-    triangles[areas < 0] = triangles[areas < 0, ::-1]
-    triangles = triangles[np.abs(areas) > np.finfo(np.float64).eps]
-    union = manifold3d.CrossSection(list(triangles), manifold3d.FillRule.Positive)
+    turned = np.where((areas < 0)[:, None], faces[:, ::-1], faces)
+    turned = turned[np.abs(areas) > np.finfo(np.float64).eps]
+    loops = [points[loop] for loop in _boundary_loops(turned)]
+    union = manifold3d.CrossSection(loops, manifold3d.FillRule.Positive)
     return [np.asarray(ring) for ring in union.to_polygons()]
+
+
+def _boundary_loops(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Return closed walks that go round as the sum of all faces' boundaries does.
+
+    The winding number about a point is the number of faces that cover it; edges that two faces
+    run through in opposite directions cancel out, which leaves few of a fine mesh.
+    """
+    if len(faces) == 0:
+        return []
+    tails, heads = _uncancelled(faces.ravel(), np.roll(faces, -1, axis=1).ravel())
+    following = np.empty(len(tails), dtype=np.int64)
+    following[np.argsort(heads, kind="stable")] = np.argsort(tails, kind="stable")
+    walked = np.zeros(len(tails), dtype=np.bool_)
+    loops = []
+    for start in range(len(tails)):
+        walk = []
+        edge = start
+        while not walked[edge]:
+            walked[edge] = True
+            walk.append(edge)
+            edge = int(following[edge])
+        if walk:
+            loops.append(tails[walk])
+    return loops
+
+
+def _uncancelled(
+    tails: NDArray[np.int64], heads: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return directed edges less those with an opposite, as often as one way outweighs."""
+    count = int(max(tails.max(), heads.max())) + 1
+    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
+    edges, owners = np.unique(low * count + high, return_inverse=True)
+    net = np.bincount(owners, weights=np.where(tails == low, 1.0, -1.0), minlength=len(edges))
+    low, high = np.divmod(edges, count)
+    times = np.abs(net).astype(np.int64)
+    forward = net > 0
+    return np.repeat(np.where(forward, low, high), times), np.repeat(
+        np.where(forward, high, low), times
+    )
