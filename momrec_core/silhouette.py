@@ -13,6 +13,8 @@ from momrec_core.view import View
 
 __all__ = ["silhouette_of_mesh"]
 
+ROUNDING_AREA = 1e-12  # of the squared extent: rings below are rounding, and may cross themselves
+
 
 def silhouette_of_mesh(mesh: trimesh.Trimesh, camera: Camera) -> View:
     """Project a mesh and return the view of it.
@@ -61,7 +63,13 @@ def _outline(points: NDArray[np.float64], faces: NDArray[np.int64]) -> list[NDAr
     turned = turned[np.abs(areas) > np.finfo(np.float64).eps]
     loops = [points[loop] for loop in _boundary_loops(turned)]
     union = manifold3d.CrossSection(loops, manifold3d.FillRule.Positive)
-    return [np.asarray(ring) for ring in union.to_polygons()]
+    rings = [np.asarray(ring) for ring in union.to_polygons()]
+    return [ring for ring in rings if abs(_signed_area(ring)) > ROUNDING_AREA]
+
+
+def _signed_area(ring: NDArray[np.float64]) -> float:
+    x, y = (ring - ring[0]).T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 def _boundary_loops(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
