@@ -10,17 +10,19 @@ from __future__ import annotations
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 import yaml  # type: ignore[import-untyped]
 from mcap.writer import CompressionType, Writer
 
-from momrec_core.recognizer import ObjectResult
 from momrec_ros.definitions import TYPE_HASHES, message_definition
 from momrec_ros.errors import BagError
 from momrec_ros.files import new_file, new_folder
 from momrec_ros.messages import StampedView, encode_view
 from momrec_ros.outputs import result_messages
+
+if TYPE_CHECKING:  # bags without results need no scikit-learn
+    from momrec_core.recognizer import ObjectResult
 
 __all__ = ["CONTOURS_TOPIC", "CONTOURS_TYPE", "METADATA_FILE", "NODE_NAME", "BagWriter"]
 

@@ -136,6 +136,7 @@ class McapScan:
         self._messages = 0
         self._expected_messages: int | None = None
         self._is_complete = False
+        self._at = 0  # where the record being read begins
         self.losses: list[Loss] = []
         self.position = 0
         try:
@@ -165,13 +166,13 @@ class McapScan:
         start = len(MAGIC)
         try:
             while not self._is_complete:
-                self.position = start = stream.tell()
+                self._at = self.position = start = stream.tell()
                 opcode, length = _record_head(stream, self.size)
                 end = start + RECORD_HEAD.size + length
                 if opcode == Opcode.CHUNK:
                     yield from self._chunk(stream, min(end, self.size))
                     start = min(end, self.size)  # what a cut chunk held is accounted for
-                _check_end(end, self.size, opcode, self.position)
+                _check_end(end, self.size, opcode, self._at)
                 if opcode != Opcode.CHUNK:
                     yield from self._record(stream, opcode, length)
                 stream.seek(end)
@@ -199,14 +200,14 @@ class McapScan:
         elif opcode == Opcode.FOOTER:
             self._is_complete = True
         elif not Opcode.HEADER <= opcode <= Opcode.DATA_END and opcode < FIRST_PRIVATE_OPCODE:
-            self._lose(length, f"a record of unknown kind {opcode:#04x} at byte {self.position}")
+            self._lose(length, f"a record of unknown kind {opcode:#04x} at byte {self._at}")
 
     def _statistics(self, stream: BinaryIO, length: int) -> None:
         content = stream.read(min(length, LARGEST_DEFINITION))
         try:
             statistics = Statistics.read(ReadDataStream(BytesIO(content)))
         except (McapError, struct.error) as error:
-            self._lose(length, f"statistics that cannot be read at byte {self.position} ({error})")
+            self._lose(length, f"statistics that cannot be read at byte {self._at} ({error})")
         else:
             self._expected_messages = statistics.message_count
 
@@ -219,7 +220,7 @@ class McapScan:
                 self._add_channel(Channel.read(content))
         except (McapError, struct.error, UnicodeDecodeError, _FaultError) as error:
             name = Opcode(opcode).name.lower()
-            self._lose(length, f"a {name} that cannot be read near byte {self.position} ({error})")
+            self._lose(length, f"a {name} that cannot be read near byte {self._at} ({error})")
 
     def _add_schema(self, schema: Schema) -> None:
         if len(schema.name) > LONGEST_NAME:
@@ -237,14 +238,12 @@ class McapScan:
 
     def _message(self, stream: BinaryIO, length: int) -> Iterator[RawMessage]:
         if length < MESSAGE_HEAD.size:
-            self._lose(length, f"a message of {length} bytes near byte {self.position}")
+            self._lose(length, f"a message of {length} bytes near byte {self._at}")
             return
         channel_id, _, log_time, _ = MESSAGE_HEAD.unpack(stream.read(MESSAGE_HEAD.size))
         self._messages += 1
         if channel_id not in self._channels:
-            self._lose(
-                length, f"a message of an unknown channel {channel_id} near byte {self.position}"
-            )
+            self._lose(length, f"a message of an unknown channel {channel_id} near byte {self._at}")
             return
         topic, type_name, wanted = self._channels[channel_id]
         if not wanted:
@@ -256,7 +255,7 @@ class McapScan:
 
     def _chunk(self, stream: BinaryIO, end: int) -> Iterator[RawMessage]:
         """Read the messages of a chunk; ``end`` is where it ends or the file does."""
-        what = f"the chunk at byte {self.position}"
+        what = f"the chunk at byte {self._at}"
         head = stream.read(min(CHUNK_HEAD.size, end - stream.tell()))
         if len(head) < CHUNK_HEAD.size:
             raise _FaultError(f"{what} is cut in its head")
@@ -269,7 +268,9 @@ class McapScan:
         is_whole = stream.tell() + length <= end
         region_end = min(stream.tell() + length, end)
         if compression == "":
-            yield from self._plain_chunk(stream, region_end, crc if is_whole else 0, what)
+            for message in self._plain_chunk(stream, region_end, crc if is_whole else 0, what):
+                self.position = stream.tell()
+                yield message
         elif uncompressed_size > LARGEST_CHUNK:
             self._lose(length, f"{what} of {uncompressed_size} bytes, above {LARGEST_CHUNK}")
         else:

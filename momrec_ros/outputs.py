@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from momrec_core.recognizer import ObjectResult
 from momrec_ros.interfaces import (
     DiagnosticArray,
     DiagnosticStatus,
@@ -30,6 +30,9 @@ from momrec_ros.interfaces import (
     encode_string,
 )
 from momrec_ros.messages import pose_from_matrix, rings_in_camera
+
+if TYPE_CHECKING:  # bags without results need no scikit-learn
+    from momrec_core.recognizer import ObjectResult
 
 __all__ = [
     "RESULT_TYPES",
