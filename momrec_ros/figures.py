@@ -175,9 +175,9 @@ def _title(figure: Figure, result: ObjectResult) -> None:
         f"area {_quantity(result.area, 2)}",
         f"volume {_quantity(result.volume, 3)}",
     ]
-    figure.text(0.02, 0.955, name, fontsize=19, fontweight="bold", color=INK, va="center")
+    figure.text(0.012, 0.945, name, fontsize=19, fontweight="bold", color=INK, va="center")
     text = "   \N{MIDDLE DOT}   ".join(fact for fact in facts if fact)
-    figure.text(0.98, 0.955, text, fontsize=13, color=INK, va="center", ha="right")
+    figure.text(0.985, 0.945, text, fontsize=13, color=INK, va="center", ha="right")
 
 
 def _draw_contours(panel: SubFigure, views: Sequence[View]) -> None:
@@ -466,5 +466,6 @@ def _verdict(result: ObjectResult) -> str:
 def _quantity(value: float, power: int) -> str:
     """Write an area or a volume in the unit of length that keeps its digits readable."""
     lengths = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-    unit = next((unit for unit, length in lengths.items() if value >= 0.1 * length**power), "mm")
-    return f"{value / lengths[unit] ** power:.3g} {unit}$^{power}$"
+    unit = next((unit for unit, length in lengths.items() if value >= 0.01 * length**power), "mm")
+    rounded = float(f"{value / lengths[unit] ** power:.3g}")
+    return f"{rounded:,g} {unit}$^{power}$"
