@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from momrec_core.errors import EmptyHullError, InvalidContourError, NoCommonLineError
-from momrec_core.layers import Layer, match_layers, region_of_section, without_flakes
+from momrec_core.layers import (
+    Layer,
+    hides_event,
+    match_layers,
+    region_of_section,
+    without_flakes,
+    without_needless,
+)
 from momrec_core.slicing import (
     PlaneFamily,
     clip_sections,
@@ -32,6 +39,7 @@ SEARCH_ROUNDS, SEARCH_PLANES = 4, 4  # the hull's ends are found to 1 / 5^4 of a
 SEARCH_DENSITY = 8  # planes per spacing where a hull may hide between two planes
 END_INSET = 1e-3  # of the spacing: how far inside its ends the hull is cut for its caps
 EVENT_DEPTH = 8  # halvings of a slab in which pieces or holes appear, vanish, split or join
+TAPER_DEPTH = 3  # halvings of a slab in which a piece tapers off or grows by much
 MARGIN = 0.25  # of the sections' box: what the hull may stick out between two planes
 
 
@@ -267,8 +275,9 @@ class VisualHull:
     def _layers(self, family: PlaneFamily) -> list[Layer]:
         """Return the sections and those between them that the surface needs besides.
 
-        Where pieces or holes appear, vanish, split or join between two planes, and at the ends,
-        the slab is halved until the place is known to 1/256 of the spacing.
+        Where pieces or holes appear, vanish, split or join between two planes, where the section's
+        area jumps, and at the ends, the slab is halved until the place is known to 1/256 of the
+        spacing.
         """
         inset = END_INSET * family.spacing
         ends = np.array([family.low + inset, family.high - inset])
@@ -276,13 +285,15 @@ class VisualHull:
         offsets = [family.low, ends[0], *family.offsets, ends[1], family.high]
         sections = [CrossSection(), bottom, *self._sections, top, CrossSection()]
         layers = [Layer.of(*pair) for pair in zip(offsets, sections, strict=True)]
+        largest = max(layer.area for layer in layers)
         open_slabs = list(pairwise(layers))
-        for _ in range(EVENT_DEPTH):
+        for depth in range(EVENT_DEPTH):
+            slabs = zip(open_slabs, match_layers(open_slabs), strict=True)
             open_slabs = [
-                (below, above)
-                for (below, above), slab in zip(open_slabs, match_layers(open_slabs), strict=True)
-                if slab.knots
-                and above.offset - below.offset > family.spacing / 2**EVENT_DEPTH
+                pair
+                for pair, slab in slabs
+                if pair[1].offset - pair[0].offset > family.spacing / 2**EVENT_DEPTH
+                and (hides_event(pair, slab, largest) or (slab.knots and depth < TAPER_DEPTH))
             ]
             if not open_slabs:
                 break
@@ -291,7 +302,8 @@ class VisualHull:
             halves = zip(open_slabs, new, strict=True)
             open_slabs = [half for (a, b), middle in halves for half in ((a, middle), (middle, b))]
             layers.extend(new)
-        return without_flakes(sorted(layers, key=lambda layer: layer.offset))
+        layers = without_flakes(sorted(layers, key=lambda layer: layer.offset))
+        return without_needless(layers, set(offsets))
 
 
 def _meets(sections: list[CrossSection]) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
@@ -18,14 +18,18 @@ from shapely import MultiPolygon, Polygon
 __all__ = [
     "Layer",
     "Slab",
+    "hides_event",
     "hole_pairs",
     "match_layers",
     "region_of_section",
     "without_flakes",
+    "without_needless",
 ]
 
 CLEANING = 1e-8  # units: vertices that stand out less are Clipper2's rounding, not shape
 MIN_AREA_RATIO = 0.4  # of two matching pieces, below which one contour is no image of the other
+MAX_AREA_RATIO = 1 / MIN_AREA_RATIO
+LEDGE = 0.1  # of the largest section: a change in area between adjacent layers worth locating
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,11 @@ class Layer:
     def of(cls, offset: float, section: CrossSection) -> Layer:
         """Take the pieces of a cross-section, cleaned of rounding."""
         return cls(float(offset), _pieces(section.simplify(CLEANING)))
+
+    @cached_property
+    def area(self) -> float:
+        """Area of all pieces, in squared units."""
+        return float(sum(piece.area for piece in self.pieces))
 
     @cached_property
     def prepared(self) -> NDArray[np.object_]:
@@ -75,7 +84,7 @@ def region_of_section(section: CrossSection, unit: float) -> MultiPolygon:
     return MultiPolygon([_polygon(piece.to_polygons()) for piece in pieces])
 
 
-@dataclass(frozen=True)
+@dataclass
 class Slab:
     """How the pieces of two adjacent layers belong together.
 
@@ -85,11 +94,15 @@ class Slab:
         Pieces below and above that are each other's only overlap, with holes that are as well.
     knots : list of (list of int, list of int)
         The other groups of overlapping pieces, below and above; a piece that overlaps none is
-        a group of its own.
+        a group of its own. So are pieces that are each other's only overlap but of very
+        different size.
+    has_event : bool
+        Whether pieces or holes appear, vanish, split or join in the slab.
     """
 
-    pairs: list[tuple[int, int]]
-    knots: list[tuple[list[int], list[int]]]
+    pairs: list[tuple[int, int]] = field(default_factory=list)
+    knots: list[tuple[list[int], list[int]]] = field(default_factory=list)
+    has_event: bool = False
 
 
 def match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
@@ -106,8 +119,8 @@ def match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
         One a pair.
     """
     counts = np.array([[len(below.pieces), len(above.pieces)] for below, above in pairs])
-    if not counts.any():
-        return [Slab([], []) for _ in pairs]
+    if counts.sum() == 0:
+        return [Slab() for _ in pairs]
     pieces = np.concatenate([layer.prepared for pair in pairs for layer in pair])
     first = np.concatenate([[0], np.cumsum(counts)])
     candidates = [
@@ -117,14 +130,16 @@ def match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     lower, upper = _meeting(pieces, np.concatenate(candidates))
     graph = coo_array((np.ones(len(lower)), (lower, upper)), shape=(len(pieces), len(pieces)))
     _, labels = connected_components(graph, directed=False)
-    slabs = [Slab([], []) for _ in pairs]
+    slabs = [Slab() for _ in pairs]
     order = np.argsort(labels, kind="stable")
     slab_of = np.repeat(np.arange(len(pairs)), counts.sum(axis=1))
     for members in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
         slab = int(slab_of[members[0]])
         begin, middle = first[2 * slab], first[2 * slab + 1]
         low, high = members[members < middle] - begin, members[members >= middle] - middle
-        if len(low) == len(high) == 1 and _alike(*pieces[members]):
+        matched = len(low) == len(high) == 1 and hole_pairs(*pieces[members]) is not None
+        slabs[slab].has_event |= not matched
+        if matched and MIN_AREA_RATIO < np.divide(*shapely.area(pieces[members])) < MAX_AREA_RATIO:
             slabs[slab].pairs.append((int(low[0]), int(high[0])))
         else:
             slabs[slab].knots.append((low.tolist(), high.tolist()))
@@ -141,14 +156,6 @@ def _meeting(
     return lower[meet], upper[meet]
 
 
-def _alike(below: Polygon, above: Polygon) -> bool:
-    """Tell whether each ring of one piece is the image of one ring of the other."""
-    ratio = below.area / above.area
-    if not MIN_AREA_RATIO < ratio < 1 / MIN_AREA_RATIO:
-        return False
-    return hole_pairs(below, above) is not None
-
-
 def hole_pairs(below: Polygon, above: Polygon) -> list[tuple[int, int]] | None:
     """Match the holes of two pieces by overlap; None where that is not one to one."""
     count = len(below.interiors)
@@ -163,6 +170,22 @@ def hole_pairs(below: Polygon, above: Polygon) -> list[tuple[int, int]] | None:
     return list(zip(lower.tolist(), (upper - count).tolist(), strict=True))
 
 
+def hides_event(pair: tuple[Layer, Layer], slab: Slab, largest: float) -> bool:
+    """Tell whether pieces change their number between two layers, or the area jumps.
+
+    Parameters
+    ----------
+    pair : (Layer, Layer)
+        The layers below and above.
+    slab : Slab
+        How their pieces belong together.
+    largest : float
+        Area of the largest section, in squared units.
+    """
+    below, above = pair
+    return slab.has_event or abs(above.area - below.area) > LEDGE * largest
+
+
 def without_flakes(layers: Sequence[Layer]) -> list[Layer]:
     """Leave out the pieces that meet none of the layer below or above, and so have no volume."""
     slabs = match_layers(list(pairwise(layers)))
@@ -174,3 +197,31 @@ def without_flakes(layers: Sequence[Layer]) -> list[Layer]:
         pieces = [piece for index, piece in enumerate(layer.pieces) if index not in flakes]
         kept.append(Layer(layer.offset, pieces) if flakes else layer)
     return kept
+
+
+def without_needless(layers: Sequence[Layer], wanted: set[float]) -> list[Layer]:
+    """Leave out layers that only served the search for places where pieces split or end.
+
+    Parameters
+    ----------
+    layers : sequence of Layer
+        By increasing offset.
+    wanted : set of float
+        Offsets of the layers to keep in any case.
+
+    Returns
+    -------
+    layers : list of Layer
+        Those wanted, those on both sides of an event or a ledge, and those without which there
+        were more of them.
+    """
+    largest = max(layer.area for layer in layers)
+    kept = np.isin([layer.offset for layer in layers], list(wanted))
+    pairs = list(pairwise(layers))
+    for index, (pair, slab) in enumerate(zip(pairs, match_layers(pairs), strict=True)):
+        kept[[index, index + 1]] |= hides_event(pair, slab, largest)
+    gaps = [(low, high) for low, high in pairwise(np.flatnonzero(kept)) if high > low + 1]
+    bridges = [(layers[low], layers[high]) for low, high in gaps]
+    for gap, pair, slab in zip(gaps, bridges, match_layers(bridges), strict=True):
+        kept[slice(*gap)] |= bool(slab.knots) or hides_event(pair, slab, largest)
+    return [layers[index] for index in np.flatnonzero(kept)]

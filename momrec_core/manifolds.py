@@ -29,14 +29,14 @@ def double_shared_edges(
     Returns
     -------
     points : array, shape (n', 3)
-        The given ones and the new ones.
+        The given ones that are in use, and the new ones.
     triangles : array of int, shape (m', 3)
         Every edge is shared by exactly two of them.
     """
     order, first, counts = _group_edges(len(points), triangles)
     if counts.max(initial=0) <= 2:
         return points, triangles
-    triangles = _without_flaps(triangles)
+    points, triangles = _compact(points, _without_flaps(triangles))
     order, first, counts = _group_edges(len(points), triangles)
     shared = np.flatnonzero(counts > 2)
     if len(shared) == 0:
@@ -76,6 +76,14 @@ def _without_flaps(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     groups = groups.ravel()
     excess = np.bincount(groups, weights=np.where(odd, -1.0, 1.0))
     return triangles[excess[groups] != 0]
+
+
+def _compact(
+    points: NDArray[np.float64], triangles: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Leave out the points that no triangle uses."""
+    used, compacted = np.unique(triangles, return_inverse=True)
+    return points[used], compacted.reshape(-1, 3)
 
 
 def _fan(triangle: NDArray[np.int64], inserted: dict[int, int]) -> NDArray[np.int64]:
