@@ -145,6 +145,7 @@ def draw_coverage(views: Sequence[View], mesh: trimesh.Trimesh, path: str | Path
     columns = min(len(shown), max(3, math.ceil(math.sqrt(1.8 * len(shown)))))
     rows = math.ceil(len(shown) / columns)
     figure = _figure(1.9 * columns, 1.0 + 2.05 * rows)
+    half = _half_extent([views[index] for index in shown])
     agreement = []
     for axes, index in zip(_grid(figure, rows, columns, footer=0.9), shown, strict=False):
         seen = views[index].silhouette
@@ -155,7 +156,7 @@ def draw_coverage(views: Sequence[View], mesh: trimesh.Trimesh, path: str | Path
         _fill(axes, shapely.difference(seen, projected), VERMILION)
         _fill(axes, shapely.difference(projected, seen), ORANGE)
         _outline(axes, seen)
-        _frame_image(axes, shapely.union_all([seen, projected]).bounds)
+        _frame_image(axes, seen, half)
         axes.set_title(f"{index + 1}: {100 * found.covered:.1f} %", fontsize=9, color=INK, y=-0.08)
     _coverage_legend(figure, agreement)
     _save(figure, path)
@@ -199,15 +200,12 @@ def _draw_contours(panel: SubFigure, views: Sequence[View]) -> None:
     )
     for axes in grid.flat:
         axes.set_axis_off()
-    bounds = np.array([views[index].silhouette.bounds for index in shown])
-    half = 0.54 * (bounds[:, 2:] - bounds[:, :2]).max()
+    half = _half_extent([views[index] for index in shown])
     for axes, index in zip(grid.flat, shown, strict=False):
         region = views[index].silhouette
         _fill(axes, region, SKY, alpha=0.30)
         _outline(axes, region)
-        left, top, right, bottom = region.bounds
-        x, y = (left + right) / 2, (top + bottom) / 2
-        _frame_image(axes, (x - half, y - half, x + half, y + half))
+        _frame_image(axes, region, half)
         axes.text(
             0.02, 0.98, str(index + 1), transform=axes.transAxes, fontsize=8, color=FAINT, va="top"
         )
@@ -408,10 +406,17 @@ def _outline(axes: Axes, region: shapely.Geometry, width: float = 1.2) -> None:
         axes.add_patch(PathPatch(path, facecolor="none", edgecolor=BLUE, lw=width))
 
 
-def _frame_image(axes: Axes, bounds: tuple[float, float, float, float]) -> None:
-    """Show a part of an image, its y axis downwards as in the image."""
-    left, top, right, bottom = bounds
-    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+def _frame_image(axes: Axes, region: shapely.Geometry, half: float) -> None:
+    """Show a square of an image about a region, its y axis downwards as in the image."""
+    left, top, right, bottom = region.bounds
+    x, y = (left + right) / 2, (top + bottom) / 2
+    axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half), aspect="equal")
+
+
+def _half_extent(views: Sequence[View]) -> float:
+    """Return half the side of a square that holds each of the silhouettes, with some air."""
+    bounds = np.array([view.silhouette.bounds for view in views])
+    return 0.54 * float((bounds[:, 2:] - bounds[:, :2]).max())
 
 
 def _coverage_legend(figure: Figure, agreement: Sequence[Coverage]) -> None:
@@ -449,8 +454,7 @@ def _evenly(count: int, limit: int) -> list[int]:
 def _blend(first: str, second: str, share: float) -> str:
     mixed = (1 - share) * np.array(to_rgb(first)) + share * np.array(to_rgb(second))
     red, green, blue = mixed
-    color: str = to_hex((red, green, blue))
-    return color
+    return str(to_hex((red, green, blue)))
 
 
 def _label(result: ObjectResult) -> str:
