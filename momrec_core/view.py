@@ -42,25 +42,28 @@ def _signed_area(points: NDArray[np.float64]) -> float:
 
 
 def _ring_region(points: NDArray[np.float64]) -> Polygon | MultiPolygon:
-    """Return the region that one ring bounds, by the even-odd rule.
-
-    A ring that crosses itself is mended where the meaning is clear: where the even-odd region
-    and the ring's signed area agree, so that the crossings cut off next to nothing.
-    """
+    """Return the region that one ring bounds, by the even-odd rule."""
     if len(points) < 3:
         return Polygon()
     polygon = Polygon(points)
     if shapely.is_valid(polygon):
         return polygon
-    mended = _polygonal(shapely.make_valid(polygon, method="linework"))
+    return _polygonal(shapely.make_valid(polygon, method="linework"))
+
+
+def _check_crossings(points: NDArray[np.float64], region: Polygon | MultiPolygon) -> None:
+    """Reject a ring that crosses itself, unless the meaning is clear.
+
+    It is where the even-odd region and the ring's signed area agree, so that the crossings cut
+    off next to nothing.
+    """
     signed = abs(_signed_area(points))
-    if abs(mended.area - signed) > MENDABLE_AREA * mended.area:
+    if abs(region.area - signed) > MENDABLE_AREA * region.area:
         raise InvalidContourError(
             f"Expected a ring that does not cross itself, got one whose {len(points)} vertices "
-            f"bound {mended.area:.6g} by the even-odd rule but {signed:.6g} by orientation "
-            f"({shapely.is_valid_reason(polygon)})"
+            f"bound {region.area:.6g} by the even-odd rule but {signed:.6g} by orientation "
+            f"({shapely.is_valid_reason(Polygon(points))})"
         )
-    return mended
 
 
 def _polygonal(geometry: shapely.Geometry) -> MultiPolygon:
@@ -89,7 +92,11 @@ def region_from_rings(rings: Iterable[ArrayLike]) -> MultiPolygon:
     checked = [_check_ring(ring) for ring in rings]
     regions = [_ring_region(ring) for ring in checked]
     largest = max((region.area for region in regions), default=0.0)
-    kept = [region for region in regions if region.area > NEGLIGIBLE_AREA * largest]
+    kept = []
+    for ring, region in zip(checked, regions, strict=True):
+        if region.area > NEGLIGIBLE_AREA * largest:
+            _check_crossings(ring, region)
+            kept.append(region)
     if not kept:
         vertices = [len(np.unique(ring, axis=0)) for ring in checked]
         raise InvalidContourError(
