@@ -12,16 +12,17 @@ from pathlib import Path
 import numpy as np
 from momrec_core.model import RecognitionModel, load_model
 
+from momrec_core.coverage import coverage
 from momrec_core.errors import MomrecError
-from momrec_core.recognizer import Recognizer
+from momrec_core.recognizer import ObjectResult, Recognizer
 from momrec_core.simulation import Projection, simulate_instance
 from momrec_core.view import View
 from momrec_ros import parameters
 from momrec_ros.bag import read_bag
 from momrec_ros.bag_writer import BagWriter
-from momrec_ros.cameras_json import read_cameras_json
+from momrec_ros.cameras_json import MaskedViews, read_cameras_json
 from momrec_ros.demo_folder import replaced_folder
-from momrec_ros.figures import draw_object
+from momrec_ros.figures import draw_coverage, draw_object
 from momrec_ros.files import (
     check_mesh_output,
     expect_new,
@@ -281,31 +282,50 @@ def run_reconstruct(
     check_mesh_output(output)
     terminal = Terminal()
     masked = read_cameras_json(folder)
-    lost = [f"{mask.name}: {mask.reason}" for mask in masked.rejected]
-    for view in masked.views:
-        if view.touches_border:
-            terminal.say(f"{view.name}: the object touches the image's border")
-    object_id = folder.resolve().name
-    recognizer = Recognizer(slices=slices, max_views=max(2, len(masked.views)))
-    for view in terminal.progress(masked.views, "intersecting", len(masked.views)):
-        try:
-            recognizer.add_view(object_id, view.view)
-        except MomrecError as error:
-            lost.append(f"{view.name}: {error}")
-    for text in lost:
+    result, losses = _intersected(masked, folder.resolve().name, slices, terminal)
+    for text in losses:
         terminal.lost(text)
-    result = recognizer.result(object_id)
+    _tell_coverage(result, terminal)
     with ExitStack() as stack:
         if bag is not None:
             writer = stack.enter_context(BagWriter(bag))
             views = [view.view for view in masked.views]
-            for stamped in _stamped(object_id, views, count(FIRST_STAMP, STEP)):
+            for stamped in _stamped(result.object_id, views, count(FIRST_STAMP, STEP)):
                 writer.write_view(stamped)
         if figures is not None:
-            draw_object(
-                result, stack.enter_context(new_folder(figures)) / f"{file_name(object_id)}.png"
-            )
+            temporary = stack.enter_context(new_folder(figures))
+            draw_object(result, temporary / f"{file_name(result.object_id)}.png")
+            draw_coverage(result.hull.views, result.mesh, temporary / "coverage.png")
         write_mesh(result.mesh, output)
     terminal.table(result_table([result_row(result)]))
     terminal.wrote(output, bag, figures)
-    return SOMETHING_LOST if lost else ALL_USED
+    return SOMETHING_LOST if losses else ALL_USED
+
+
+def _intersected(
+    masked: MaskedViews, object_id: str, slices: int, terminal: Terminal
+) -> tuple[ObjectResult, list[str]]:
+    """Return what the masks say together, and what could not be used of them."""
+    losses = [f"{mask.name}: {mask.reason}" for mask in masked.rejected]
+    recognizer = Recognizer(slices=slices, max_views=max(2, len(masked.views)))
+    for seen in terminal.progress(masked.views, "intersecting", len(masked.views)):
+        if seen.touches_border:
+            terminal.say(f"{seen.name}: the object touches the border of the image")
+        try:
+            recognizer.add_view(object_id, seen.view)
+        except MomrecError as error:
+            losses.append(f"{seen.name}: {error}")
+    if not recognizer.objects:
+        raise MomrecError(f"Expected masks that show an object, got none: {losses[0]}")
+    terminal.say("joining the slices to a mesh")
+    return recognizer.result(object_id), losses
+
+
+def _tell_coverage(result: ObjectResult, terminal: Terminal) -> None:
+    shares = [coverage(view, result.mesh) for view in result.hull.views]
+    covered = [share.covered for share in shares]
+    terminal.say(
+        f"the mesh covers {100 * np.mean(covered):.1f} % of the silhouettes, "
+        f"{100 * min(covered):.1f} % of the worst; intersection over union "
+        f"{100 * np.mean([share.iou for share in shares]):.1f} %"
+    )
