@@ -41,7 +41,7 @@ INPUTS = {
 ENCODING = "cdr"
 SORTING_WINDOW = 1 << 25  # bytes of messages held back to sort them by time
 MESSAGE_OVERHEAD = 512  # bytes that a held message takes beside its data
-LARGEST_METADATA = 1 << 24  # bytes of a metadata.yaml; a thousand topics take 1 MB
+LARGEST_METADATA = 1 << 22  # bytes of a metadata.yaml; a thousand topics take 1 MB
 MANY_FILES = 100_000  # in one bag
 LISTED_TOPICS = 8  # in a message to people
 
