@@ -13,7 +13,7 @@ from momrec_core.view import View
 
 __all__ = ["silhouette_of_mesh"]
 
-ROUNDING_AREA = 1e-12  # of the squared extent: rings below are rounding, and may cross themselves
+ROUNDING_AREA = 1e-9  # of the squared extent: rings below are rounding, and may cross themselves
 
 
 def silhouette_of_mesh(mesh: trimesh.Trimesh, camera: Camera) -> View:
