@@ -104,17 +104,8 @@ def draw_overview(results: Sequence[ObjectResult], path: str | Path) -> None:
             _canonical_viewpoint(result.canonical.mesh, 1.0),
             TILE_PIXELS,
         )
-        axes.set_title(_label(result), fontsize=13, color=INK, fontweight="bold", y=-0.02)
-        axes.text(
-            0.5,
-            -0.10,
-            _verdict(result),
-            transform=axes.transAxes,
-            fontsize=10,
-            color=FAINT,
-            ha="center",
-            va="center",
-        )
+        _text_below(axes, 0.06, _label(result), size=13, color=INK, weight="bold")
+        _text_below(axes, 0.16, _verdict(result), size=10, color=FAINT)
     _save(figure, path)
 
 
@@ -157,7 +148,7 @@ def draw_coverage(views: Sequence[View], mesh: trimesh.Trimesh, path: str | Path
         _fill(axes, shapely.difference(projected, seen), ORANGE)
         _outline(axes, seen)
         _frame_image(axes, seen, half)
-        axes.set_title(f"{index + 1}: {100 * found.covered:.1f} %", fontsize=9, color=INK, y=-0.08)
+        _text_below(axes, 0.06, f"{index + 1}: {100 * found.covered:.1f} %", size=9, color=INK)
     _coverage_legend(figure, agreement)
     _save(figure, path)
 
@@ -314,7 +305,7 @@ def _grid(figure: Figure, rows: int, columns: int, footer: float = 0.0) -> list[
     grid = figure.subplots(rows, columns, squeeze=False)
     below = footer / figure.get_figheight()
     figure.subplots_adjust(
-        left=0.02, right=0.98, top=0.98, bottom=below + 0.20 / rows * (1 - below), hspace=0.25
+        left=0.02, right=0.98, top=0.98, bottom=below + 0.20 / rows * (1 - below), hspace=0.28
     )
     cells = list(grid.flat)
     for axes in cells:
@@ -327,6 +318,23 @@ def _panel_axes(panel: SubFigure) -> Axes:
     axes.set_axis_off()
     axes.set(xlim=(-1, 1), ylim=(-1, 1), aspect="equal")
     return axes
+
+
+def _text_below(
+    axes: Axes, distance: float, text: str, *, size: float, color: str, weight: str = "normal"
+) -> None:
+    """Write centred under axes; distance: in heights of the axes."""
+    axes.text(
+        0.5,
+        -distance,
+        text,
+        transform=axes.transAxes,
+        fontsize=size,
+        fontweight=weight,
+        color=color,
+        ha="center",
+        va="center",
+    )
 
 
 def _caption(panel: SubFigure, text: str) -> None:
