@@ -38,6 +38,7 @@ from momrec_ros.report import ResultRow, json_line, rate_table, result_row, resu
 from momrec_ros.shared_data import shared_path
 from momrec_ros.terminal import Terminal
 from momrec_ros.training import find_classes, recognition_rates, reconstructed_instances
+from momrec_ros.workers import FigureDrawer
 
 __all__ = [
     "Course",
@@ -88,9 +89,14 @@ class _Sinks:
     """All that a finished object is written to."""
 
     def __init__(
-        self, terminal: Terminal, writer: BagWriter | None = None, figures: Path | None = None
+        self,
+        terminal: Terminal,
+        drawer: FigureDrawer,
+        writer: BagWriter | None = None,
+        figures: Path | None = None,
     ) -> None:
         self._terminal = terminal
+        self._drawer = drawer
         self._writer = writer
         self._figures = figures
         self._names: set[str] = set()
@@ -103,7 +109,8 @@ class _Sinks:
         if self._writer is not None:
             self._writer.write_result(result, finished.stamp, finished.frame_id)
         if self._figures is not None:
-            draw_object(result, self._figures / f"{self._new_name(result.object_id)}.png")
+            name = self._new_name(result.object_id)
+            self._drawer.draw(result, self._figures / f"{name}.png")
 
     def _new_name(self, object_id: str) -> str:
         name = file_name(object_id)
@@ -129,7 +136,8 @@ def run_replay(
     with ExitStack() as stack:
         writer = stack.enter_context(BagWriter(output)) if output else None
         folder = stack.enter_context(new_folder(figures)) if figures else None
-        sinks = _Sinks(terminal, writer, folder)
+        drawer = stack.enter_context(FigureDrawer())
+        sinks = _Sinks(terminal, drawer, writer, folder)
         losses = _replay(recording, model and load_model(model), writer, sinks, terminal)
     terminal.table(result_table(sinks.rows))
     terminal.wrote(output, figures)
@@ -201,8 +209,8 @@ def run_demo(output: Path) -> int:
     with replaced_folder(output) as folder:
         figures = folder / "figures"
         figures.mkdir()
-        with BagWriter(folder / "results") as writer:
-            sinks = _Sinks(terminal, writer, figures)
+        with BagWriter(folder / "results") as writer, FigureDrawer() as drawer:
+            sinks = _Sinks(terminal, drawer, writer, figures)
             losses = _replay(
                 recording, load_model(shared_path(SHIPPED_MODEL)), writer, sinks, terminal
             )

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import trimesh
+from momrec_core.model import RecognitionModel
 from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedKFold
 
 from momrec_core.canonical import CanonicalShape, normalize
 from momrec_core.errors import MomrecError
 from momrec_core.hull import reconstruct
-from momrec_core.model import RecognitionModel
 from momrec_core.simulation import simulate_instance
 from momrec_ros.files import MESH_INPUTS, read_mesh
+from momrec_ros.workers import worker_pool
 
-__all__ = ["ClassRate", "find_classes", "reconstructed_instances", "recognition_rates"]
+__all__ = ["ClassRate", "find_classes", "recognition_rates", "reconstructed_instances"]
 
 FOLDS = 5  # of the cross-validation: each model learns from four fifths
 JOBS_PER_WORKER = 16  # below, starting a process takes longer than it saves
@@ -131,18 +129,8 @@ def reconstructed_instances(
     if workers < 2:
         yield from zip(labels, map(rebuild, meshes, seeds), strict=True)
         return
-    context = get_context("spawn")  # a fork would take over threads of numpy in any state
-    with ProcessPoolExecutor(workers, context, initializer=_ignore_interrupts) as executor:
-        shapes = executor.map(rebuild, meshes, seeds)
-        try:
-            yield from zip(labels, shapes, strict=True)
-        finally:
-            executor.shutdown(cancel_futures=True)
-
-
-def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the parent process, which ends its workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with worker_pool(workers) as pool:
+        yield from zip(labels, pool.map(rebuild, meshes, seeds), strict=True)
 
 
 def _rebuilt(
@@ -198,4 +186,6 @@ def recognition_rates(
 def _right(
     model: RecognitionModel, shapes: Sequence[CanonicalShape], names: NDArray[np.str_]
 ) -> NDArray[np.bool_]:
-    return np.array([model.recognize(shape).label for shape in shapes]) == names
+    given = np.array([model.recognize(shape).label for shape in shapes])
+    right: NDArray[np.bool_] = given == names
+    return right

@@ -1,0 +1,119 @@
+"""Processes that share the work where one core would keep a user waiting."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from multiprocessing import get_context
+from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from manifold3d import CrossSection, FillRule
+from numpy.typing import NDArray
+
+from momrec_core.recognizer import ObjectResult
+from momrec_ros.figures import draw_object
+
+__all__ = ["FigureDrawer", "worker_pool"]
+
+MOST_WAITING = 4  # results that wait for their picture, so that memory stays bounded
+
+
+@contextmanager
+def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Run worker processes; on leaving, what was not begun is given up.
+
+    Parameters
+    ----------
+    workers : int
+        Number of processes.
+
+    Yields
+    ------
+    pool : ProcessPoolExecutor
+    """
+    context = get_context("spawn")  # a fork would take over threads in any state
+    pool = ProcessPoolExecutor(workers, context, initializer=_ignore_interrupts)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C to the parent process, which ends its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+class FigureDrawer:
+    """Draws pictures of results beside other work; a context manager.
+
+    A second process is started for the second picture: one alone is drawn sooner without.
+    """
+
+    def __init__(self) -> None:
+        self._first: tuple[ObjectResult, Path] | None = None
+        self._pool_context = worker_pool(1)
+        self._pool: ProcessPoolExecutor | None = None
+        self._drawn: set[Future[None]] = set()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def draw(self, result: ObjectResult, path: Path) -> None:
+        """Draw a result, now or soon.
+
+        Parameters
+        ----------
+        result : ObjectResult
+            Of one object.
+        path : Path
+            The PNG to write.
+
+        Raises
+        ------
+        OSError
+            If an earlier picture could not be written.
+        """
+        if self._first is None:
+            self._first = result, path
+            return
+        if self._pool is None:
+            ForkingPickler.register(CrossSection, _reduced_section)
+            self._pool = self._pool_context.__enter__()
+            self._drawn.add(self._pool.submit(draw_object, *self._first))
+        self._drawn.add(self._pool.submit(draw_object, result, path))
+        if len(self._drawn) >= MOST_WAITING:
+            done, self._drawn = wait(self._drawn, return_when=FIRST_COMPLETED)
+            for future in done:
+                future.result()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._pool is None:
+            if error is None and self._first is not None:
+                draw_object(*self._first)
+            return
+        try:
+            if error is None:
+                for future in self._drawn:
+                    future.result()
+        finally:
+            self._pool_context.__exit__(kind, error, traceback)
+
+
+def _reduced_section(section: CrossSection) -> tuple[Any, ...]:
+    return _section, (section.to_polygons(),)
+
+
+def _section(rings: list[NDArray[np.float64]]) -> CrossSection:
+    return CrossSection(rings, FillRule.EvenOdd)
