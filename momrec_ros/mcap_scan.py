@@ -86,6 +86,16 @@ class _FaultError(Exception):
     """What ends the reading of a file or a chunk."""
 
 
+@dataclass(frozen=True)
+class _ChunkHead:
+    """What a chunk says about itself; sizes in bytes."""
+
+    compression: str
+    size: int
+    uncompressed_size: int
+    crc: int
+
+
 class _Readable(Protocol):
     def read(self, size: int, /) -> bytes: ...
 
@@ -170,7 +180,7 @@ class McapScan:
                 opcode, length = _record_head(stream, self.size)
                 end = start + RECORD_HEAD.size + length
                 if opcode == Opcode.CHUNK:
-                    yield from self._chunk(stream, min(end, self.size))
+                    yield from self._chunk(stream, end)
                     start = min(end, self.size)  # what a cut chunk held is accounted for
                 _check_end(end, self.size, opcode, self._at)
                 if opcode != Opcode.CHUNK:
@@ -253,35 +263,35 @@ class McapScan:
             return
         yield RawMessage(topic, type_name, log_time, stream.read(length - MESSAGE_HEAD.size))
 
-    def _chunk(self, stream: BinaryIO, end: int) -> Iterator[RawMessage]:
-        """Read the messages of a chunk; ``end`` is where it ends or the file does."""
+    def _chunk(self, stream: BinaryIO, record_end: int) -> Iterator[RawMessage]:
+        """Read the messages of a chunk, of a cut one those before the end of the file."""
         what = f"the chunk at byte {self._at}"
-        head = stream.read(min(CHUNK_HEAD.size, end - stream.tell()))
-        if len(head) < CHUNK_HEAD.size:
-            raise _FaultError(f"{what} is cut in its head")
-        _, _, uncompressed_size, crc, name_length = CHUNK_HEAD.unpack(head)
-        tail = stream.read(min(min(name_length, LONGEST_COMPRESSION_NAME) + 8, end - stream.tell()))
-        if len(tail) < name_length + 8:
-            raise _FaultError(f"{what} is cut or damaged in its head")
-        compression = tail[:name_length].decode(errors="replace")
-        (length,) = struct.unpack("<Q", tail[name_length:])
-        is_whole = stream.tell() + length <= end
-        region_end = min(stream.tell() + length, end)
-        if compression == "":
-            for message in self._plain_chunk(stream, region_end, crc if is_whole else 0, what):
+        end = min(record_end, self.size)
+        try:
+            head = _chunk_head(stream, end)
+        except _FaultError as fault:
+            self._lose(end - self._at, f"{what}: {fault}")
+            return
+        start = stream.tell()
+        is_whole = start + head.size <= end
+        if not is_whole and record_end <= self.size:
+            self._lose(0, f"{what} says that it reaches beyond its end")
+        region_end = min(start + head.size, end)
+        crc = head.crc if is_whole else 0
+        if head.compression == "":
+            for message in self._plain_chunk(stream, region_end, crc, what):
                 self.position = stream.tell()
                 yield message
-        elif uncompressed_size > LARGEST_CHUNK:
-            self._lose(length, f"{what} of {uncompressed_size} bytes, above {LARGEST_CHUNK}")
+        elif head.uncompressed_size > LARGEST_CHUNK:
+            reason = f"{what} unfolds to {head.uncompressed_size} bytes, above {LARGEST_CHUNK}"
+            self._lose(region_end - start, reason)
         else:
-            content, fault = _decompress(
-                _Region(stream, region_end), compression, uncompressed_size
-            )
-            if fault and is_whole:
-                self._lose(length, f"{what} is damaged ({fault})")
+            region = _Region(stream, region_end)
+            content, defect = _decompress(region, head.compression, head.uncompressed_size)
+            if defect:
+                self._lose(0, f"{what} is cut or damaged ({defect})")
             inner = BytesIO(content)
-            whole_crc = 0 if fault or not is_whole else crc
-            yield from self._plain_chunk(inner, len(content), whole_crc, what)
+            yield from self._plain_chunk(inner, len(content), 0 if defect else crc, what)
 
     def _plain_chunk(self, stream: BinaryIO, end: int, crc: int, what: str) -> Iterator[RawMessage]:
         """Read records up to ``end``; a chunk's checksum of 0 is none."""
@@ -300,6 +310,22 @@ class McapScan:
                 stream.seek(record_end)
         except _FaultError as fault:
             self._lose(end - start, f"{what}: {fault}")
+
+
+def _chunk_head(stream: BinaryIO, end: int) -> _ChunkHead:
+    """Read what precedes a chunk's records."""
+    head = stream.read(min(CHUNK_HEAD.size, end - stream.tell()))
+    if len(head) < CHUNK_HEAD.size:
+        raise _FaultError(f"it ends at byte {end}, within its head")
+    _, _, uncompressed_size, crc, name_length = CHUNK_HEAD.unpack(head)
+    if name_length > LONGEST_COMPRESSION_NAME:
+        raise _FaultError(f"the name of its compression is {name_length} bytes long")
+    tail = stream.read(min(name_length + 8, end - stream.tell()))
+    if len(tail) < name_length + 8:
+        raise _FaultError(f"it ends at byte {end}, within its head")
+    compression = tail[:name_length].decode(errors="replace")
+    (size,) = struct.unpack("<Q", tail[name_length:])
+    return _ChunkHead(compression, size, uncompressed_size, crc)
 
 
 def _read_definition(stream: BinaryIO, length: int) -> bytes:

@@ -305,6 +305,21 @@ def test_a_flipped_byte_of_a_contour_is_told(tmp_path):
     assert "checksum" in loss.reason
 
 
+@pytest.mark.parametrize("at", range(9, 9 + 40))
+def test_a_damaged_chunk_head_costs_its_chunk_only(tmp_path, at):
+    path = write_mcap(tmp_path / "a.mcap", views_as_messages(12))
+    with path.open("rb") as stream:
+        chunk = make_reader(stream).get_summary().chunk_indexes[1]
+    content = bytearray(path.read_bytes())
+    content[chunk.chunk_start_offset + at] ^= 0x55
+    path.write_bytes(content)
+    events, report = read_all(path)
+    assert len(events) >= 8
+    assert events[-1].stamp == 10**9 + 11
+    is_of_use = at >= 9 + 24  # times, and the size of what is not compressed, are not needed
+    assert not (is_of_use and report.is_whole)
+
+
 def test_a_message_that_is_no_marker_array_is_rejected_and_the_next_is_read(tmp_path):
     messages = views_as_messages(3)
     messages[1] = ("/contours", ARRAY, 1, b"\x00\x01\x00\x00garbage")
@@ -420,7 +435,7 @@ def test_a_compressed_chunk_that_unfolds_beyond_its_size_is_not_unfolded(tmp_pat
     size_at = content.index(struct.pack("<I", 4) + b"zstd") - 12
     content[size_at : size_at + 8] = struct.pack("<Q", 1 << 40)
     path.write_bytes(content)
-    with pytest.raises(BagError, match="1099511627776 bytes, above"):
+    with pytest.raises(BagError, match="unfolds to 1099511627776 bytes, above"):
         list(read_bag(path))
 
 
