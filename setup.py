@@ -53,12 +53,14 @@ setup(
     data_files=shared_files(),
     python_requires=">=3.11",
     install_requires=[
+        "lz4>=4.0",
         "manifold3d>=3.0",
         "matplotlib>=3.8",
         "mcap>=1.2",
         "mcap-ros2-support>=0.5",
         "numpy>=1.26",
         "pillow>=10.0",
+        "pyyaml>=6.0",
         "rich>=13.0",
         "scikit-image>=0.22",
         "scikit-learn>=1.5",
@@ -66,6 +68,7 @@ setup(
         "shapely>=2.1",
         "trimesh>=4.4",
         "typer>=0.12",
+        "zstandard>=0.20",
     ],
     extras_require={"ros": ROS, "test": TEST},
     entry_points={
