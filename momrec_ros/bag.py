@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -119,12 +119,13 @@ class BagReader:
     def __iter__(self) -> Iterator[Event]:
         for message in self._sorted():
             self._messages += 1
-            yield from self._counted(self._events(message))
+            events = self._events(message)
+            yield from self._counted(_timed(event, message.log_time) for event in events)
         yield from self._counted(self._decoder.flush())
         if not self._inputs:
             raise BagError(self._nothing_found())
 
-    def _counted(self, events: tuple[Event, ...]) -> Iterator[Event]:
+    def _counted(self, events: Iterable[Event]) -> Iterator[Event]:
         for event in events:
             self._rejected += isinstance(event, Rejected)
             yield event
@@ -187,6 +188,13 @@ class BagReader:
             f"Expected a topic named contours ({CONTOURS_TYPE}), or contour and camera_pose, in "
             f"the bag, got {topics or 'no topics'}{lost}"
         )
+
+
+def _timed(event: Event, log_time: int) -> Event:
+    """Give what could not even be decoded the time of its recording."""
+    if isinstance(event, Rejected) and event.stamp == 0:
+        return replace(event, stamp=log_time)
+    return event
 
 
 def _is_array(topic: str) -> bool:
