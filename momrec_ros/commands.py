@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +22,7 @@ from momrec_ros.bag import read_bag
 from momrec_ros.bag_writer import BagWriter
 from momrec_ros.cameras_json import MaskedViews, read_cameras_json
 from momrec_ros.demo_folder import replaced_folder
-from momrec_ros.figures import draw_coverage, draw_object
+from momrec_ros.figures import draw_coverage, draw_object, draw_overview
 from momrec_ros.files import (
     check_mesh_output,
     expect_new,
@@ -94,11 +94,13 @@ class _Sinks:
         drawer: FigureDrawer,
         writer: BagWriter | None = None,
         figures: Path | None = None,
+        on_result: Callable[[ObjectResult], object] | None = None,
     ) -> None:
         self._terminal = terminal
         self._drawer = drawer
         self._writer = writer
         self._figures = figures
+        self._on_result = on_result
         self._names: set[str] = set()
         self.rows: list[ResultRow] = []
 
@@ -111,6 +113,8 @@ class _Sinks:
         if self._figures is not None:
             name = self._new_name(result.object_id)
             self._drawer.draw(result, self._figures / f"{name}.png")
+        if self._on_result is not None:
+            self._on_result(result)
 
     def _new_name(self, object_id: str) -> str:
         name = file_name(object_id)
@@ -205,17 +209,18 @@ def run_demo(output: Path) -> int:
         max_objects=parameters.MAX_OBJECTS.default,
         object_timeout=parameters.OBJECT_TIMEOUT.default,
     )
+    model = load_model(shared_path(SHIPPED_MODEL))
     terminal = Terminal()
+    results: list[ObjectResult] = []
     with replaced_folder(output) as folder:
         figures = folder / "figures"
         figures.mkdir()
         with BagWriter(folder / "results") as writer, FigureDrawer() as drawer:
-            sinks = _Sinks(terminal, drawer, writer, figures)
-            losses = _replay(
-                recording, load_model(shared_path(SHIPPED_MODEL)), writer, sinks, terminal
-            )
+            sinks = _Sinks(terminal, drawer, writer, figures, results.append)
+            losses = _replay(recording, model, writer, sinks, terminal)
+            draw_overview(results, folder / "overview.png")
     terminal.table(result_table(sinks.rows))
-    terminal.wrote(output / "figures", output / "results")
+    terminal.wrote(output / "overview.png", output / "figures", output / "results")
     return SOMETHING_LOST if losses else ALL_USED
 
 

@@ -442,6 +442,8 @@ def test_the_demo_names_the_ten_objects_and_not_the_stranger(momrec, tmp_path):
         assert ended.out.count(path.stem) == 2
     assert ended.out.count("unknown") == 1
     assert len(list((tmp_path / "demo" / "figures").glob("*.png"))) == 11
+    assert (tmp_path / "demo" / "overview.png").is_file()
+    assert sum(1 for _ in read_bag(tmp_path / "demo" / "results")) == 110
 
 
 def test_help_and_version_need_no_geometry():
