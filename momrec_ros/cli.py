@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from momrec_ros import parameters
-from momrec_ros.parameters import Parameter, Projection
+from momrec_ros.parameters import Parameter, Projection, SimulatedProjection
 
 __all__ = ["app", "main"]
 
@@ -58,6 +58,7 @@ MaxViews = Annotated[int, _option(parameters.MAX_VIEWS)]
 MaxObjects = Annotated[int, _option(parameters.MAX_OBJECTS)]
 ObjectTimeout = Annotated[float, _option(parameters.OBJECT_TIMEOUT)]
 ProjectionRule = Annotated[Projection, _option(parameters.PROJECTION)]
+SimulatedCameras = Annotated[SimulatedProjection, _option(parameters.SIMULATED_PROJECTION)]
 WorldFrame = Annotated[str, _option(parameters.WORLD_FRAME)]
 Views = Annotated[int, _option(parameters.VIEWS)]
 Instances = Annotated[int, _option(parameters.INSTANCES)]
@@ -143,9 +144,7 @@ def simulate(
     *,
     output: Annotated[Path, typer.Option(help="New bag folder.")],
     views: Views = parameters.VIEWS.default,
-    projection: Annotated[
-        Projection, typer.Option(help="Cameras of parallel (auto) or of central projection.")
-    ] = Projection.ORTHOGRAPHIC,
+    projection: SimulatedCameras = SimulatedProjection.ORTHOGRAPHIC,
     distance: Distance = parameters.DISTANCE.default,
     noise: Noise = parameters.NOISE.default,
     seed: Seed = parameters.SEED.default,
@@ -161,7 +160,7 @@ def simulate(
             meshes,
             output,
             views=views,
-            projection="central" if projection is Projection.CENTRAL else "orthographic",
+            projection="central" if projection is SimulatedProjection.CENTRAL else "orthographic",
             distance=distance,
             noise=noise,
             seed=seed,

@@ -7,15 +7,25 @@ from enum import StrEnum
 from typing import Generic, TypeVar
 
 __all__ = [
+    "DISTANCE",
+    "INSTANCES",
+    "MAX_FEATURES",
     "MAX_OBJECTS",
     "MAX_VIEWS",
     "MIN_VIEWS",
+    "NOISE",
     "OBJECT_TIMEOUT",
+    "ORDER",
     "PROJECTION",
+    "SEED",
+    "SIMULATED_PROJECTION",
     "SLICES",
+    "VIEWS",
+    "WORKERS",
     "WORLD_FRAME",
     "Parameter",
     "Projection",
+    "SimulatedProjection",
 ]
 
 
@@ -26,6 +36,13 @@ class Projection(StrEnum):
     """How the points of contours are to be read."""
 
     AUTO = "auto"
+    ORTHOGRAPHIC = "orthographic"
+    CENTRAL = "central"
+
+
+class SimulatedProjection(StrEnum):
+    """What kind of cameras are simulated."""
+
     ORTHOGRAPHIC = "orthographic"
     CENTRAL = "central"
 
@@ -81,6 +98,11 @@ WORLD_FRAME = Parameter(
     "world_frame",
     "",
     "The fixed frame that views must be in; empty for the frame of the first view.",
+)
+SIMULATED_PROJECTION = Parameter(
+    "projection",
+    SimulatedProjection.ORTHOGRAPHIC.value,
+    "Simulated cameras: parallel projection, or pinholes.",
 )
 VIEWS = Parameter("views", 10, "Simulated views of each object.", 2, 10_000)
 INSTANCES = Parameter(
