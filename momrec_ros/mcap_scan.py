@@ -14,6 +14,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -34,6 +35,8 @@ MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 CHUNK_HEAD = struct.Struct("<QQQII")
+FOOTER = struct.Struct("<BQQQI")
+CHUNK_INDEX_OFFSET = struct.Struct("<16xQ")
 FIRST_PRIVATE_OPCODE = 0x80
 BLOCK = 1 << 16  # bytes read or decompressed at a time
 LARGEST_DEFINITION = 1 << 20  # bytes of a schema or channel; the longest of ROS take 50 kB
@@ -147,6 +150,7 @@ class McapScan:
         self._expected_messages: int | None = None
         self._is_complete = False
         self._at = 0  # where the record being read begins
+        self._used = 0  # up to where all is read or accounted for
         self.losses: list[Loss] = []
         self.position = 0
         try:
@@ -173,22 +177,33 @@ class McapScan:
         self.losses.append(Loss(size, f"{self._path.name}: {reason}"))
 
     def _top_level(self, stream: BinaryIO) -> Iterator[RawMessage]:
-        start = len(MAGIC)
-        try:
-            while not self._is_complete:
-                self._at = self.position = start = stream.tell()
-                opcode, length = _record_head(stream, self.size)
-                end = start + RECORD_HEAD.size + length
-                if opcode == Opcode.CHUNK:
-                    yield from self._chunk(stream, end)
-                    start = min(end, self.size)  # what a cut chunk held is accounted for
-                _check_end(end, self.size, opcode, self._at)
-                if opcode != Opcode.CHUNK:
-                    yield from self._record(stream, opcode, length)
-                stream.seek(end)
-            self._check_tail(stream)
-        except _FaultError as fault:
-            self._lose(self.size - start, str(fault))
+        """Read record after record; after a fault go on at the next chunk that the index names."""
+        start: int | None = len(MAGIC)
+        while start is not None:
+            stream.seek(start)
+            self._is_complete = False
+            try:
+                yield from self._records(stream)
+                start = None
+            except _FaultError as fault:
+                later = [at for at in _chunk_offsets(stream, self.size) if at > self._at]
+                start = min(later, default=None)
+                end = self.size if start is None else start
+                self._lose(max(end - self._used, 0), str(fault))
+
+    def _records(self, stream: BinaryIO) -> Iterator[RawMessage]:
+        while not self._is_complete:
+            self._at = self._used = self.position = stream.tell()
+            opcode, length = _record_head(stream, self.size)
+            end = self._at + RECORD_HEAD.size + length
+            if opcode == Opcode.CHUNK:
+                yield from self._chunk(stream, end)
+                self._used = min(end, self.size)  # what a cut chunk held is accounted for
+            _check_end(end, self.size, opcode, self._at)
+            if opcode != Opcode.CHUNK:
+                yield from self._record(stream, opcode, length)
+            stream.seek(end)
+        self._check_tail(stream)
 
     def _check_tail(self, stream: BinaryIO) -> None:
         tail = stream.read(len(MAGIC) + 1)
@@ -310,6 +325,26 @@ class McapScan:
                 stream.seek(record_end)
         except _FaultError as fault:
             self._lose(end - start, f"{what}: {fault}")
+
+
+def _chunk_offsets(stream: BinaryIO, size: int) -> list[int]:
+    """Return where the chunks begin by the index at the file's end, if there is one."""
+    offsets = []
+    stream.seek(max(size - FOOTER.size - len(MAGIC), 0))
+    footer = stream.read(FOOTER.size)
+    if len(footer) < FOOTER.size or stream.read() != MAGIC:
+        return []
+    opcode, _, at, _, _ = FOOTER.unpack(footer)
+    with suppress(_FaultError, struct.error):
+        while opcode in range(Opcode.HEADER, Opcode.DATA_END) and 0 < at < size:
+            stream.seek(at)
+            opcode, length = _record_head(stream, size)
+            if opcode == Opcode.CHUNK_INDEX:
+                offsets.append(CHUNK_INDEX_OFFSET.unpack(stream.read(CHUNK_INDEX_OFFSET.size))[0])
+            if opcode == Opcode.FOOTER:
+                break
+            at += RECORD_HEAD.size + length
+    return [offset for offset in offsets if offset < size]
 
 
 def _chunk_head(stream: BinaryIO, end: int) -> _ChunkHead:

@@ -321,6 +321,21 @@ def test_a_damaged_chunk_head_costs_its_chunk_only(tmp_path, at):
     assert not (is_of_use and report.is_whole)
 
 
+@pytest.mark.parametrize("at", range(9))
+def test_a_damaged_frame_of_a_chunk_costs_its_chunk_only(tmp_path, at):
+    path = write_mcap(tmp_path / "a.mcap", views_as_messages(12))
+    with path.open("rb") as stream:
+        chunk = make_reader(stream).get_summary().chunk_indexes[1]
+    content = bytearray(path.read_bytes())
+    content[chunk.chunk_start_offset + at] ^= 0x55
+    path.write_bytes(content)
+    events, report = read_all(path)
+    assert len(events) >= 8
+    assert events[-1].stamp == 10**9 + 11
+    assert len(events) == len(set(stamps(events)))
+    assert not report.is_whole
+
+
 def test_a_message_that_is_no_marker_array_is_rejected_with_its_log_time(tmp_path):
     messages = views_as_messages(3)
     messages[1] = ("/contours", ARRAY, 77, b"\x00\x01\x00\x00garbage")
