@@ -15,7 +15,6 @@ from shapely import MultiPolygon
 from momrec_core.errors import EmptyHullError, InvalidContourError, NoCommonLineError
 from momrec_core.layers import (
     Layer,
-    hides_event,
     match_layers,
     region_of_section,
     without_flakes,
@@ -38,8 +37,8 @@ SPARSE_SHARE = 0.34  # of the planes that still meet the hull, below which that 
 SEARCH_ROUNDS, SEARCH_PLANES = 4, 4  # the hull's ends are found to 1 / 5^4 of a spacing
 SEARCH_DENSITY = 8  # planes per spacing where a hull may hide between two planes
 END_INSET = 1e-3  # of the spacing: how far inside its ends the hull is cut for its caps
-EVENT_DEPTH = 8  # halvings of a slab in which pieces or holes appear, vanish, split or join
-TAPER_DEPTH = 3  # halvings of a slab in which a piece tapers off or grows by much
+DOUBTFUL_VOLUME = 3e-5  # of the hull's: what a slab with an event or a ledge may leave open
+EVENT_DEPTH = 8  # halvings of such a slab at the most
 MARGIN = 0.25  # of the sections' box: what the hull may stick out between two planes
 
 
@@ -276,8 +275,7 @@ class VisualHull:
         """Return the sections and those between them that the surface needs besides.
 
         Where pieces or holes appear, vanish, split or join between two planes, where the section's
-        area jumps, and at the ends, the slab is halved until the place is known to 1/256 of the
-        spacing.
+        area jumps, and at the ends, the slab is halved until what it leaves open is negligible.
         """
         inset = END_INSET * family.spacing
         ends = np.array([family.low + inset, family.high - inset])
@@ -286,14 +284,14 @@ class VisualHull:
         sections = [CrossSection(), bottom, *self._sections, top, CrossSection()]
         layers = [Layer.of(*pair) for pair in zip(offsets, sections, strict=True)]
         largest = max(layer.area for layer in layers)
+        doubtful = DOUBTFUL_VOLUME * family.spacing * sum(layer.area for layer in layers)
         open_slabs = list(pairwise(layers))
-        for depth in range(EVENT_DEPTH):
-            slabs = zip(open_slabs, match_layers(open_slabs), strict=True)
+        for _ in range(EVENT_DEPTH):
+            slabs = zip(open_slabs, match_layers(open_slabs, largest), strict=True)
             open_slabs = [
-                pair
-                for pair, slab in slabs
-                if pair[1].offset - pair[0].offset > family.spacing / 2**EVENT_DEPTH
-                and (hides_event(pair, slab, largest) or (slab.knots and depth < TAPER_DEPTH))
+                (below, above)
+                for (below, above), slab in slabs
+                if slab.doubt * (above.offset - below.offset) > doubtful
             ]
             if not open_slabs:
                 break
@@ -303,7 +301,7 @@ class VisualHull:
             open_slabs = [half for (a, b), middle in halves for half in ((a, middle), (middle, b))]
             layers.extend(new)
         layers = without_flakes(sorted(layers, key=lambda layer: layer.offset))
-        return without_needless(layers, set(offsets))
+        return without_needless(layers, set(offsets), doubtful)
 
 
 def _meets(sections: list[CrossSection]) -> NDArray[np.bool_]:

@@ -18,7 +18,6 @@ from shapely import MultiPolygon, Polygon
 __all__ = [
     "Layer",
     "Slab",
-    "hides_event",
     "hole_pairs",
     "match_layers",
     "region_of_section",
@@ -96,31 +95,37 @@ class Slab:
         The other groups of overlapping pieces, below and above; a piece that overlaps none is
         a group of its own. So are pieces that are each other's only overlap but of very
         different size.
-    has_event : bool
-        Whether pieces or holes appear, vanish, split or join in the slab.
+    doubt : float
+        Area, in squared units, that is on the one side of the slab and not on the other where
+        pieces or holes appear, vanish, split or join, or a section changes by a ledge.
     """
 
     pairs: list[tuple[int, int]] = field(default_factory=list)
     knots: list[tuple[list[int], list[int]]] = field(default_factory=list)
-    has_event: bool = False
+    doubt: float = 0.0
 
 
-def match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
+def match_layers(
+    pairs: Sequence[tuple[Layer, Layer]], largest: float = np.inf
+) -> list[Slab]:
     """Group the pieces of adjacent layers, below and above, by overlap.
 
     Parameters
     ----------
     pairs : sequence of (Layer, Layer)
         The layers below and above each slab.
+    largest : float
+        Area of the largest section, in squared units, that ledges are compared with.
 
     Returns
     -------
     slabs : list of Slab
         One a pair.
     """
+    slabs = [_slab_of_ledge(below, above, largest) for below, above in pairs]
     counts = np.array([[len(below.pieces), len(above.pieces)] for below, above in pairs])
     if counts.sum() == 0:
-        return [Slab() for _ in pairs]
+        return slabs
     pieces = np.concatenate([layer.prepared for pair in pairs for layer in pair])
     first = np.concatenate([[0], np.cumsum(counts)])
     candidates = [
@@ -130,7 +135,6 @@ def match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     lower, upper = _meeting(pieces, np.concatenate(candidates))
     graph = coo_array((np.ones(len(lower)), (lower, upper)), shape=(len(pieces), len(pieces)))
     _, labels = connected_components(graph, directed=False)
-    slabs = [Slab() for _ in pairs]
     order = np.argsort(labels, kind="stable")
     slab_of = np.repeat(np.arange(len(pairs)), counts.sum(axis=1))
     for members in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
@@ -138,12 +142,28 @@ def match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
         begin, middle = first[2 * slab], first[2 * slab + 1]
         low, high = members[members < middle] - begin, members[members >= middle] - middle
         matched = len(low) == len(high) == 1 and hole_pairs(*pieces[members]) is not None
-        slabs[slab].has_event |= not matched
-        if matched and MIN_AREA_RATIO < np.divide(*shapely.area(pieces[members])) < MAX_AREA_RATIO:
+        areas = shapely.area(pieces[members])
+        if matched and MIN_AREA_RATIO < areas[0] / areas[1] < MAX_AREA_RATIO:
             slabs[slab].pairs.append((int(low[0]), int(high[0])))
         else:
             slabs[slab].knots.append((low.tolist(), high.tolist()))
+            slabs[slab].doubt += _unshared_area(pieces[members], areas, len(low))
     return slabs
+
+
+def _slab_of_ledge(below: Layer, above: Layer, largest: float) -> Slab:
+    step = abs(above.area - below.area)
+    return Slab(doubt=step if step > LEDGE * largest else 0.0)
+
+
+def _unshared_area(pieces: NDArray[np.object_], areas: NDArray[np.float64], below: int) -> float:
+    """Return the area of what the largest pieces of both sides do not account for."""
+    if not 0 < below < len(pieces):
+        return float(areas.sum())
+    holes = [Polygon(piece.exterior).area - area for piece, area in zip(pieces, areas, strict=True)]
+    minor = areas.sum() - areas[:below].max() - areas[below:].max()
+    step = abs(areas[:below].sum() - areas[below:].sum())
+    return float(minor + step + abs(sum(holes[:below]) - sum(holes[below:])))
 
 
 def _meeting(
@@ -170,22 +190,6 @@ def hole_pairs(below: Polygon, above: Polygon) -> list[tuple[int, int]] | None:
     return list(zip(lower.tolist(), (upper - count).tolist(), strict=True))
 
 
-def hides_event(pair: tuple[Layer, Layer], slab: Slab, largest: float) -> bool:
-    """Tell whether pieces change their number between two layers, or the area jumps.
-
-    Parameters
-    ----------
-    pair : (Layer, Layer)
-        The layers below and above.
-    slab : Slab
-        How their pieces belong together.
-    largest : float
-        Area of the largest section, in squared units.
-    """
-    below, above = pair
-    return slab.has_event or abs(above.area - below.area) > LEDGE * largest
-
-
 def without_flakes(layers: Sequence[Layer]) -> list[Layer]:
     """Leave out the pieces that meet none of the layer below or above, and so have no volume."""
     slabs = match_layers(list(pairwise(layers)))
@@ -199,7 +203,9 @@ def without_flakes(layers: Sequence[Layer]) -> list[Layer]:
     return kept
 
 
-def without_needless(layers: Sequence[Layer], wanted: set[float]) -> list[Layer]:
+def without_needless(
+    layers: Sequence[Layer], wanted: set[float], doubtful_volume: float
+) -> list[Layer]:
     """Leave out layers that only served the search for places where pieces split or end.
 
     Parameters
@@ -208,6 +214,8 @@ def without_needless(layers: Sequence[Layer], wanted: set[float]) -> list[Layer]
         By increasing offset.
     wanted : set of float
         Offsets of the layers to keep in any case.
+    doubtful_volume : float
+        What a slab may leave open, in cubed units.
 
     Returns
     -------
@@ -217,11 +225,12 @@ def without_needless(layers: Sequence[Layer], wanted: set[float]) -> list[Layer]
     """
     largest = max(layer.area for layer in layers)
     kept = np.isin([layer.offset for layer in layers], list(wanted))
-    pairs = list(pairwise(layers))
-    for index, (pair, slab) in enumerate(zip(pairs, match_layers(pairs), strict=True)):
-        kept[[index, index + 1]] |= hides_event(pair, slab, largest)
+    for index, slab in enumerate(match_layers(list(pairwise(layers)), largest)):
+        kept[[index, index + 1]] |= slab.doubt > 0
     gaps = [(low, high) for low, high in pairwise(np.flatnonzero(kept)) if high > low + 1]
     bridges = [(layers[low], layers[high]) for low, high in gaps]
-    for gap, pair, slab in zip(gaps, bridges, match_layers(bridges), strict=True):
-        kept[slice(*gap)] |= bool(slab.knots) or hides_event(pair, slab, largest)
+    for gap, (below, above), slab in zip(
+        gaps, bridges, match_layers(bridges, largest), strict=True
+    ):
+        kept[slice(*gap)] |= slab.doubt * (above.offset - below.offset) > doubtful_volume
     return [layers[index] for index in np.flatnonzero(kept)]

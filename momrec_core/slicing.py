@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import manifold3d
 import numpy as np
@@ -368,40 +369,63 @@ def _parallel_footprints(
 def _central_footprints(
     view: View, family: PlaneFamily, offsets: NDArray[np.float64]
 ) -> Callable[[int], CrossSection]:
-    rays, position = _rays(view.camera, np.concatenate(view.rings), family)
-    _, far = _depth_range(view.camera, family)
-    ends = np.cumsum([len(ring) for ring in view.rings])[:-1]
+    camera = view.camera
+    rays, position = _rays(camera, np.concatenate(view.rings), family)
+    _, far = _depth_range(camera, family)
     heights = offsets - position[2]
     heights = np.where(np.abs(heights) < CENTRE_DISTANCE, CENTRE_DISTANCE, heights)
-    sides = np.sign(heights)
-    margins = sides[:, None] * rays[:, 2] - (np.abs(heights) / far)[:, None]
-    whole = margins.min(axis=1) >= 0
+    margins = np.sign(heights)[:, None] * rays[:, 2] - (np.abs(heights) / far)[:, None]
+    counts = np.array([len(ring) for ring in view.rings])
+    planes, rings, cut = _cut_rings(rays, counts, margins)
+    points = position[:2] + (heights[planes] / cut[:, 2])[:, None] * cut[:, :2]
+    bounds = np.searchsorted(
+        planes * len(counts) + rings, np.arange(len(offsets) * len(counts) + 1)
+    )
 
     def footprint(index: int) -> CrossSection:
-        rings = np.split(rays, ends)
-        if not whole[index]:
-            cut = zip(rings, np.split(margins[index], ends), strict=True)
-            rings = [_cut_ring(ring, margin) for ring, margin in cut]
-        points = [
-            position[:2] + heights[index] * ring[:, :2] / ring[:, 2:]
-            for ring in rings
-            if len(ring) > 2
-        ]
-        return CrossSection(points, EVEN_ODD)
+        ends = bounds[index * len(counts) : (index + 1) * len(counts) + 1]
+        pieces = [points[low:high] for low, high in pairwise(ends) if high - low > 2]
+        return CrossSection(pieces, EVEN_ODD)
 
     return footprint
 
 
-def _cut_ring(ring: NDArray[np.float64], margins: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Keep the part of a closed ring where the margin, linear along edges, is not negative.
+def _cut_rings(
+    rays: NDArray[np.float64], counts: NDArray[np.int64], margins: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Keep, for each plane, the parts of closed rings where a margin is not negative.
 
-    Parts that the cut separates stay joined by edges along the cut, which bound no area
-    (Sutherland and Hodgman, Reentrant polygon clipping, 1974).
+    Parts of a ring that the cut separates stay joined by edges along the cut, which bound no
+    area (I. E. Sutherland and G. W. Hodgman, Reentrant polygon clipping, 1974).
+
+    Parameters
+    ----------
+    rays : array, shape (n, 3)
+        The rings' vertices, one ring behind the other.
+    counts : array of int, shape (r,)
+        Number of vertices of each ring.
+    margins : array, shape (p, n)
+        Per plane; linear along edges.
+
+    Returns
+    -------
+    planes, rings : array of int, shape (m,)
+        The plane and the ring of each vertex that is left, in order.
+    points : array, shape (m, 3)
+        These vertices.
     """
-    following = np.roll(margins, -1)
-    keep = np.flatnonzero(margins >= 0)
-    crossing = np.flatnonzero((margins >= 0) != (following >= 0))
-    fraction = (margins[crossing] / (margins[crossing] - following[crossing]))[:, None]
-    points = ring[crossing] + fraction * (np.roll(ring, -1, axis=0)[crossing] - ring[crossing])
-    order = np.argsort(np.concatenate([keep, crossing + 0.5]), kind="stable")
-    return np.concatenate([ring[keep], points])[order]
+    first = np.cumsum(counts) - counts
+    following = np.arange(1, len(rays) + 1)
+    following[first + counts - 1] = first
+    inside = margins >= 0
+    kept = np.empty((len(margins), 2 * len(rays)), dtype=bool)
+    kept[:, 0::2] = inside
+    kept[:, 1::2] = inside != inside[:, following]
+    planes, slots = np.nonzero(kept)
+    starts, is_crossing = np.divmod(slots, 2)
+    points = rays[starts]
+    crossing = np.flatnonzero(is_crossing)
+    start, plane = starts[crossing], planes[crossing]
+    here, there = margins[plane, start], margins[plane, following[start]]
+    points[crossing] += (here / (here - there))[:, None] * (rays[following[start]] - rays[start])
+    return planes, np.repeat(np.arange(len(counts)), counts)[starts], points

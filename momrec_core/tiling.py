@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import shapely
@@ -48,6 +49,7 @@ def tile(layers: Sequence[Layer]) -> tuple[NDArray[np.float64], NDArray[np.int64
         for number, (low, high) in enumerate(slab.knots)
         if low and high
     }
+    contours.settle()
     rings = contours.rings()
     triangles = [_bands(contours, rings, layers, slabs)]
     for (index, number), linked in links.items():
@@ -80,6 +82,10 @@ class _Contours:
         The first corner of each contour.
     pieces : list of list of list of int
         Per layer and piece the contours: shell, then holes.
+    count : int
+        Number of vertices, with those that `settle` has yet to take in.
+    added : list of (points, edges, along, owners)
+        These vertices.
     """
 
     points: NDArray[np.float64]
@@ -88,6 +94,8 @@ class _Contours:
     owners: NDArray[np.int64]
     first: NDArray[np.int64]
     pieces: list[list[list[int]]]
+    count: int
+    added: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]]
 
     @classmethod
     def of_layers(cls, layers: Sequence[Layer]) -> _Contours:
@@ -102,9 +110,8 @@ class _Contours:
         points = np.concatenate(loops)
         first = np.cumsum([0, *(len(loop) for loop in loops)])
         count = len(points)
-        return cls(
-            points, np.arange(count), np.zeros(count), np.full(count, CORNER), first, pieces
-        )
+        owners = np.full(count, CORNER)
+        return cls(points, np.arange(count), np.zeros(count), owners, first, pieces, count, [])
 
     def insert_contacts(self, slab: int, low: list[int], high: list[int]) -> NDArray[np.int64]:
         """Put vertices where pieces below and above a slab touch or cross.
@@ -139,13 +146,19 @@ class _Contours:
         """Return the vertices at places on edges, new ones where there is no corner."""
         new = np.flatnonzero(along > 0)
         vertices = edges.copy()
-        vertices[new] = len(self.points) + np.arange(len(new))
+        vertices[new] = self.count + np.arange(len(new))
+        self.count += len(new)
         added = np.c_[points[new], self.points[edges[new], 2]]
-        self.points = np.concatenate([self.points, added])
-        self.edges = np.concatenate([self.edges, edges[new]])
-        self.along = np.concatenate([self.along, along[new]])
-        self.owners = np.concatenate([self.owners, np.full(len(new), slab)])
+        self.added.append((added, edges[new], along[new], np.full(len(new), slab)))
         return vertices
+
+    def settle(self) -> None:
+        """Take in the inserted vertices."""
+        columns = (self.points, self.edges, self.along, self.owners)
+        self.points, self.edges, self.along, self.owners = (
+            np.concatenate(parts) for parts in zip(columns, *self.added, strict=True)
+        )
+        self.added.clear()
 
     def rings(self) -> list[NDArray[np.int64]]:
         """Return the vertices around each contour, the inserted ones in their places."""

@@ -171,8 +171,8 @@ def _least_band(
     from the one before at once, as the least of all ways to step up and then along.
     """
     low, high = points[below], points[above]
-    rises = _areas(low[:-1, None], low[1:, None], high[None, :])
-    runs = _areas(low[:, None], high[None, :-1], high[None, 1:])
+    rises = _areas_over_edges(low, high)
+    runs = _areas_over_edges(high, low).T
     along = np.concatenate([np.zeros((len(low), 1)), np.cumsum(runs, axis=1)], axis=1)
     least = along.copy()
     for row in range(1, len(low)):
@@ -182,6 +182,17 @@ def _least_band(
     column = np.arange(len(row)) - row
     third = np.where(steps, below[row[1:]], above[column[1:]])
     return np.column_stack([below[row[:-1]], third, above[column[:-1]]])
+
+
+def _areas_over_edges(
+    path: NDArray[np.float64], apexes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the areas of the triangles over each edge of a path to apexes of another plane."""
+    edges = np.diff(path[:, :2], axis=0)
+    across = np.column_stack([-edges[:, 1], edges[:, 0]])
+    beside = across @ apexes[:, :2].T - (across * path[:-1, :2]).sum(axis=1)[:, None]
+    upright = (apexes[0, 2] - path[0, 2]) * np.hypot(*edges.T)
+    return np.asarray(np.hypot(beside, upright[:, None]) / 2)
 
 
 def _backtrack(
