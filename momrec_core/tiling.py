@@ -43,6 +43,7 @@ def tile(layers: Sequence[Layer]) -> tuple[NDArray[np.float64], NDArray[np.int64
     """
     contours = _Contours.of_layers(layers)
     slabs = match_layers(list(pairwise(layers)))
+    bands = _bands(contours, layers, slabs)
     links = {
         (index, number): contours.insert_contacts(index, low, high)
         for index, slab in enumerate(slabs)
@@ -51,7 +52,7 @@ def tile(layers: Sequence[Layer]) -> tuple[NDArray[np.float64], NDArray[np.int64
     }
     contours.settle()
     rings = contours.rings()
-    triangles = [_bands(contours, rings, layers, slabs)]
+    triangles = [_divided(contours, bands)]
     for (index, number), linked in links.items():
         low, high = slabs[index].knots[number]
         knot = Knot(
@@ -83,9 +84,11 @@ class _Contours:
     pieces : list of list of list of int
         Per layer and piece the contours: shell, then holes.
     count : int
-        Number of vertices, with those that `settle` has yet to take in.
+        Number of vertices, with those in `added`.
+    order : array of int, shape (n,)
+        The vertices contour by contour, in their order around it.
     added : list of (points, edges, along, owners)
-        These vertices.
+        The vertices that `settle` has yet to take in.
     """
 
     points: NDArray[np.float64]
@@ -95,6 +98,7 @@ class _Contours:
     first: NDArray[np.int64]
     pieces: list[list[list[int]]]
     count: int
+    order: NDArray[np.int64]
     added: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]]
 
     @classmethod
@@ -111,7 +115,8 @@ class _Contours:
         first = np.cumsum([0, *(len(loop) for loop in loops)])
         count = len(points)
         owners = np.full(count, CORNER)
-        return cls(points, np.arange(count), np.zeros(count), owners, first, pieces, count, [])
+        corners = np.arange(count)
+        return cls(points, corners, np.zeros(count), owners, first, pieces, count, corners, [])
 
     def insert_contacts(self, slab: int, low: list[int], high: list[int]) -> NDArray[np.int64]:
         """Put vertices where pieces below and above a slab touch or cross.
@@ -121,8 +126,8 @@ class _Contours:
         links : array of int, shape (n, 2)
             The vertices below and above that lie upon each other.
         """
-        below = self._corners([ring for piece in low for ring in self.pieces[slab][piece]])
-        above = self._corners([ring for piece in high for ring in self.pieces[slab + 1][piece]])
+        below = self.corners([ring for piece in low for ring in self.pieces[slab][piece]])
+        above = self.corners([ring for piece in high for ring in self.pieces[slab + 1][piece]])
         contacts = find_contacts(self._edges_of(below), self._edges_of(above))
         sides = (
             (np.concatenate(below)[contacts.below], contacts.below_at),
@@ -130,7 +135,8 @@ class _Contours:
         )
         return np.column_stack([self._insert(*side, contacts.points, slab) for side in sides])
 
-    def _corners(self, rings: list[int]) -> list[NDArray[np.int64]]:
+    def corners(self, rings: list[int]) -> list[NDArray[np.int64]]:
+        """Return the corners around contours."""
         return [np.arange(self.first[ring], self.first[ring + 1]) for ring in rings]
 
     def _edges_of(self, corners: list[NDArray[np.int64]]) -> Edges:
@@ -159,29 +165,66 @@ class _Contours:
             np.concatenate(parts) for parts in zip(columns, *self.added, strict=True)
         )
         self.added.clear()
+        self.order = np.lexsort([self.along, self.edges])
 
     def rings(self) -> list[NDArray[np.int64]]:
         """Return the vertices around each contour, the inserted ones in their places."""
-        order = np.lexsort([self.along, self.edges])
-        ends = np.searchsorted(self.edges[order], self.first)
-        return [order[start:end] for start, end in pairwise(ends)]
+        ends = np.searchsorted(self.edges[self.order], self.first)
+        return [self.order[start:end] for start, end in pairwise(ends)]
+
+    def on_edge(self, edge: int) -> NDArray[np.int64]:
+        """Return the vertices on an edge in order, from its first corner."""
+        start, end = np.searchsorted(self.edges[self.order], [edge, edge + 1])
+        return self.order[start:end]
 
 
 def _bands(
-    contours: _Contours,
-    rings: list[NDArray[np.int64]],
-    layers: Sequence[Layer],
-    slabs: Sequence[Slab],
+    contours: _Contours, layers: Sequence[Layer], slabs: Sequence[Slab]
 ) -> NDArray[np.int64]:
-    """Join the contours that match one to one."""
+    """Join the contours that match one to one.
+
+    Pairs of pieces that are poorly joined so are made knots of their slab.
+
+    Returns
+    -------
+    triangles : array of int, shape (m, 3)
+        As in `Bands`, between the contours' own corners.
+    """
+    owners: list[tuple[int, tuple[int, int]]] = []
     below, above = [], []
     for index, slab in enumerate(slabs):
         for low, high in slab.pairs:
             holes = hole_pairs(layers[index].pieces[low], layers[index + 1].pieces[high]) or []
             for first, second in [(0, 0), *((a + 1, b + 1) for a, b in holes)]:
-                below.append(rings[contours.pieces[index][low][first]])
-                above.append(rings[contours.pieces[index + 1][high][second]])
-    return walk_bands(contours.points, below, above)
+                owners.append((index, (low, high)))
+                below.extend(contours.corners([contours.pieces[index][low][first]]))
+                above.extend(contours.corners([contours.pieces[index + 1][high][second]]))
+    bands = walk_bands(contours.points, below, above)
+    poor = {owners[band] for band in np.flatnonzero(bands.is_poor)}
+    for index, (low, high) in poor:
+        slabs[index].pairs.remove((low, high))
+        slabs[index].knots.append(([low], [high]))
+    kept = np.array([owner not in poor for owner in owners], dtype=bool)
+    return bands.triangles[kept[bands.bands]]
+
+
+def _divided(contours: _Contours, triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Divide the triangles of bands along contours that have got vertices on their edges."""
+    heights = contours.points[triangles, 2]
+    runs = heights[:, 1] > heights[:, 0]
+    edges = np.where(runs, triangles[:, 2], triangles[:, 0])
+    inserted = np.unique(contours.edges[contours.owners != CORNER])
+    touched = np.isin(edges, inserted)
+    parts = [triangles[~touched]]
+    for triangle, edge, is_run in zip(
+        triangles[touched], edges[touched], runs[touched], strict=True
+    ):
+        end = triangle[1]
+        chain = np.append(contours.on_edge(edge), end)
+        apex = np.full(len(chain) - 1, triangle[0] if is_run else triangle[2])
+        fan = (apex, chain[1:], chain[:-1]) if is_run else (chain[:-1], chain[1:], apex)
+        parts.append(np.column_stack(fan))
+    return np.concatenate(parts)
 
 
 def _joined(contours: _Contours, knot: Knot, slab: int) -> NDArray[np.int64]:

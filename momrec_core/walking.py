@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-__all__ = ["walk_bands"]
+__all__ = ["Bands", "walk_bands"]
 
 DOUBTFUL_AREA = 1.1  # times what the contours explain: bands above are worth the second look
+POOR_AREA = 1.8  # times the same: bands above do not follow their contours' surface
 MAX_GRID = 4_000_000  # cells: bands above keep the greedy walk, so that memory is bounded
 
 
@@ -57,11 +58,31 @@ class _Paths:
         return length, area
 
 
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """Triangles between pairs of contours.
+
+    Attributes
+    ----------
+    triangles : array of int, shape (m, 3)
+        Either an edge below and a vertex above, in this order, or a vertex below and an edge
+        above that the triangle uses backward.
+    bands : array of int, shape (m,)
+        The pair of contours that each triangle is of.
+    is_poor : array of bool, shape (pairs,)
+        Where the best band is still much larger than its contours explain.
+    """
+
+    triangles: NDArray[np.int64]
+    bands: NDArray[np.int64]
+    is_poor: NDArray[np.bool_]
+
+
 def walk_bands(
     points: NDArray[np.float64],
     below: list[NDArray[np.int64]],
     above: list[NDArray[np.int64]],
-) -> NDArray[np.int64]:
+) -> Bands:
     """Join pairs of contours by bands of triangles.
 
     Parameters
@@ -73,7 +94,7 @@ def walk_bands(
 
     Returns
     -------
-    triangles : array of int, shape (m, 3)
+    bands : Bands
         Facing away from the inside (left) of the contours. Every edge of a contour is used once.
 
     Notes
@@ -90,16 +111,21 @@ def walk_bands(
     S. P. Uselton, Optimal surface reconstruction from planar contours, 1977.
     """
     if not below:
-        return np.empty((0, 3), dtype=np.int64)
+        return Bands(np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))
     starts = _nearest_starts(points, below, above)
     paths = _Paths.unroll(below, starts[:, 0]), _Paths.unroll(above, starts[:, 1])
     triangles, bands, rises = _walk(points[:, :2], *paths)
+    expected = _least_areas(points, *paths)
     areas = np.bincount(bands, weights=_areas(*points[triangles].transpose(1, 0, 2)))
     large = paths[0].counts * paths[1].counts > MAX_GRID
-    doubtful = areas > DOUBTFUL_AREA * _least_areas(points, *paths)
-    redone = np.flatnonzero((doubtful | _pinched(bands, rises)) & ~large)
-    best = [_least_band(points, paths[0].path(band), paths[1].path(band)) for band in redone]
-    return np.concatenate([triangles[~np.isin(bands, redone)], *best])
+    doubtful = (areas > DOUBTFUL_AREA * expected) | _pinched(bands, rises)
+    redone = np.flatnonzero(doubtful & ~large)
+    best = [_least_band(points, *(path.path(band) for path in paths)) for band in redone]
+    kept = ~np.isin(bands, redone)
+    triangles = np.concatenate([triangles[kept], *best])
+    bands = np.concatenate([bands[kept], np.repeat(redone, [len(band) for band in best])])
+    areas = np.bincount(bands, weights=_areas(*points[triangles].transpose(1, 0, 2)))
+    return Bands(triangles, bands, areas > POOR_AREA * expected)
 
 
 def _nearest_starts(
