@@ -5,7 +5,10 @@ That module, and the geometry with it, is imported by the commands only, so that
 
 from __future__ import annotations
 
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from io import TextIOWrapper
 from pathlib import Path
@@ -93,7 +96,8 @@ def demo(
     ] = Path("demo"),
 ) -> None:
     """Replay the shipped bag with the shipped model: table, figures, output bag."""
-    from momrec_ros.commands import run_demo  # noqa: PLC0415
+    with _plain_interrupts():
+        from momrec_ros.commands import run_demo  # noqa: PLC0415
 
     raise typer.Exit(run_demo(output))
 
@@ -120,7 +124,8 @@ def replay(
 
     Without a model the objects are reconstructed and normalised, but not named.
     """
-    from momrec_ros.commands import Recording, run_replay  # noqa: PLC0415
+    with _plain_interrupts():
+        from momrec_ros.commands import Recording, run_replay  # noqa: PLC0415
 
     recording = Recording(
         bag=bag,
@@ -153,7 +158,8 @@ def simulate(
 
     Each mesh comes to its own random position, orientation and size.
     """
-    from momrec_ros.commands import run_simulate  # noqa: PLC0415
+    with _plain_interrupts():
+        from momrec_ros.commands import run_simulate  # noqa: PLC0415
 
     raise typer.Exit(
         run_simulate(
@@ -186,7 +192,8 @@ def train(
     workers: Workers = parameters.WORKERS.default,
 ) -> None:
     """Learn to name the classes of meshes from simulated, reconstructed instances."""
-    from momrec_ros.commands import Course, run_train  # noqa: PLC0415
+    with _plain_interrupts():
+        from momrec_ros.commands import Course, run_train  # noqa: PLC0415
 
     course = Course(
         instances=instances,
@@ -213,9 +220,20 @@ def reconstruct(
     slices: Slices = parameters.SLICES.default,
 ) -> None:
     """Turn binary masks with projection matrices into a mesh."""
-    from momrec_ros.commands import run_reconstruct  # noqa: PLC0415
+    with _plain_interrupts():
+        from momrec_ros.commands import run_reconstruct  # noqa: PLC0415
 
     raise typer.Exit(run_reconstruct(folder, output, bag, figures, slices=slices))
+
+
+@contextmanager
+def _plain_interrupts() -> Iterator[None]:
+    """Let Ctrl-C end the process at once: libraries that are being imported may swallow it."""
+    handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
 
 
 def main() -> None:

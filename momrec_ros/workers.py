@@ -38,16 +38,26 @@ def worker_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     pool : ProcessPoolExecutor
     """
     context = get_context("spawn")  # a fork would take over threads in any state
-    pool = ProcessPoolExecutor(workers, context, initializer=_ignore_interrupts)
+    pool = ProcessPoolExecutor(workers, context)
     try:
+        _start(pool, workers)
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the parent process, which ends its workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _start(pool: ProcessPoolExecutor, workers: int) -> None:
+    """Start the workers deaf to Ctrl-C, which they inherit; their parent ends them."""
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        for _ in range(workers):
+            pool.submit(_nothing)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
+def _nothing() -> None:
+    """Be the first task of a worker."""
 
 
 class FigureDrawer:
