@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
 from multiprocessing.reduction import ForkingPickler
@@ -21,7 +21,7 @@ from momrec_ros.figures import draw_object
 
 __all__ = ["FigureDrawer", "worker_pool"]
 
-MOST_WAITING = 4  # results that wait for their picture, so that memory stays bounded
+MOST_WAITING = 2  # pictures that the other process has to draw; more are drawn in this one
 
 
 @contextmanager
@@ -70,7 +70,7 @@ class FigureDrawer:
         self._first: tuple[ObjectResult, Path] | None = None
         self._pool_context = worker_pool(1)
         self._pool: ProcessPoolExecutor | None = None
-        self._drawn: set[Future[None]] = set()
+        self._waiting: list[Future[None]] = []
 
     def __enter__(self) -> Self:
         return self
@@ -96,12 +96,13 @@ class FigureDrawer:
         if self._pool is None:
             ForkingPickler.register(CrossSection, _reduced_section)
             self._pool = self._pool_context.__enter__()
-            self._drawn.add(self._pool.submit(draw_object, *self._first))
-        self._drawn.add(self._pool.submit(draw_object, result, path))
-        if len(self._drawn) >= MOST_WAITING:
-            done, self._drawn = wait(self._drawn, return_when=FIRST_COMPLETED)
-            for future in done:
-                future.result()
+            self._waiting.append(self._pool.submit(draw_object, *self._first))
+        while self._waiting and self._waiting[0].done():
+            self._waiting.pop(0).result()
+        if len(self._waiting) < MOST_WAITING:
+            self._waiting.append(self._pool.submit(draw_object, result, path))
+        else:
+            draw_object(result, path)
 
     def __exit__(
         self,
@@ -115,7 +116,7 @@ class FigureDrawer:
             return
         try:
             if error is None:
-                for future in self._drawn:
+                for future in self._waiting:
                     future.result()
         finally:
             self._pool_context.__exit__(kind, error, traceback)

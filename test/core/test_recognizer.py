@@ -207,7 +207,7 @@ def test_a_model_names_the_object():
     }
     shapes, labels = [], []
     for label, mesh in models.items():
-        for _ in range(6):
+        for _ in range(4):
             views = simulate_views(random_similarity(mesh, rng), 8, rng)
             shapes.append(reconstruct(views, SLICES).mesh())
             labels.append(label)
