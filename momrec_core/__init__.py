@@ -15,7 +15,9 @@ from momrec_core.errors import (
     MomrecError,
     NoCommonLineError,
 )
+from momrec_core.hull import VisualHull, reconstruct
 from momrec_core.moments import surface_moments
+from momrec_core.recognizer import ObjectResult, Recognizer
 from momrec_core.silhouette import silhouette_of_mesh
 from momrec_core.view import View
 
@@ -30,9 +32,13 @@ __all__ = [
     "ModelFormatError",
     "MomrecError",
     "NoCommonLineError",
+    "ObjectResult",
+    "Recognizer",
     "View",
+    "VisualHull",
     "coverage",
     "normalize",
+    "reconstruct",
     "silhouette_of_mesh",
     "surface_moments",
 ]

@@ -7,14 +7,17 @@ from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import trimesh
 
 from momrec_core.canonical import CanonicalShape, normalize
 from momrec_core.errors import EmptyHullError, MomrecError, NoCommonLineError
 from momrec_core.hull import VisualHull
-from momrec_core.model import Recognition, RecognitionModel
 from momrec_core.view import View
+
+if TYPE_CHECKING:
+    from momrec_core.model import Recognition, RecognitionModel
 
 __all__ = ["ObjectResult", "Recognizer"]
 

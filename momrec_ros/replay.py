@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-
-from momrec_core.model import RecognitionModel
+from typing import TYPE_CHECKING
 
 from momrec_core.errors import MomrecError
 from momrec_core.recognizer import ObjectResult, Recognizer
 from momrec_ros.messages import Forget, Rejected, StampedView
+
+if TYPE_CHECKING:
+    from momrec_core.model import RecognitionModel
 
 __all__ = ["Finished", "Lost", "Replay"]
 
