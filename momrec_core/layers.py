@@ -25,7 +25,7 @@ __all__ = [
     "without_needless",
 ]
 
-CLEANING = 1e-8  # units: vertices that stand out less are Clipper2's rounding, not shape
+CLEANING = 1e-6  # units: vertices that stand out less are rounding, not shape
 MIN_AREA_RATIO = 0.4  # of two matching pieces, below which one contour is no image of the other
 MAX_AREA_RATIO = 1 / MIN_AREA_RATIO
 LEDGE = 0.1  # of the largest section: a change in area between adjacent layers worth locating

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 __all__ = ["Contacts", "Edges", "find_contacts"]
 
-TOUCH = 1e-9  # units: ten times below the layers' cleaning, so that no two vertices touch one
+TOUCH = 1e-7  # units: above Clipper2's grid, and ten times below the layers' cleaning, so that no two vertices touch one
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,8 @@
 """Where viewing volumes meet a family of parallel planes (section 2 of the paper).
 
-Everything here is in the planes' frame, in units of the region of interest (`PlaneFamily.unit`
-metres), so that tolerances and Clipper2's fixed precision mean the same for a coin and a car.
+Everything here is in the planes' frame, in thousandths of the region of interest
+(`PlaneFamily.unit` metres), so that tolerances and Clipper2's grid, which is fixed at 2^-27, mean
+the same for a coin and a car.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ __all__ = [
 ]
 
 MIN_ANGLE = np.radians(1.0)  # between viewing directions: below, depth is noise times 60 and more
-STRIP_COSINE = 1e-5  # of direction and normal: below, the volume is one of strips to 1e-5 units
-CENTRE_DISTANCE = 1e-7  # units: a plane nearer to a camera centre is taken as if this far from it
+STRIP_COSINE = 1e-5  # of direction and normal: below, the volume is one of strips to 1e-5
+RADIUS = 1000.0  # units: of the region of interest
+CENTRE_DISTANCE = 1e-4  # units: a plane nearer to a camera centre is taken as if this far from it
 REGION_FACTOR = 3.0  # safety on the size that two views suggest, for cones that meet far outside
 EVEN_ODD = manifold3d.FillRule.EvenOdd
 
@@ -73,7 +75,8 @@ class PlaneFamily:
         Pose of the planes' frame in the world, ``world_from_planes``; z is the planes' normal,
         the origin the region's centre; metres.
     unit : float
-        Radius of the region of interest, metres: lengths in `offsets` and sections count in it.
+        A thousandth of the radius of the region of interest, metres: lengths in `offsets` and
+        sections count in it.
     low, high : float
         The hull lies between these offsets, in units.
     offsets : array, shape (n,)
@@ -114,9 +117,9 @@ class PlaneFamily:
         """Lay planes through a smaller box of interest, given by two corners in units."""
         frame = self.frame.copy()
         frame[:3, 3] = self.to_world((low + high) / 2)
-        radius = float(np.linalg.norm(high - low)) / 2
-        half = float(high[2] - low[2]) / 2 / radius
-        return self.spread(frame, self.unit * radius, -half, half, count)
+        factor = float(np.linalg.norm(high - low)) / 2 / RADIUS
+        half = float(high[2] - low[2]) / 2 / factor
+        return self.spread(frame, self.unit * factor, -half, half, count)
 
 
 def viewing_region(first: View, second: View, normal: NDArray[np.float64], count: int) -> PlaneFamily:
@@ -149,11 +152,11 @@ def viewing_region(first: View, second: View, normal: NDArray[np.float64], count
     frame = np.eye(4)
     frame[:3, :3] = np.column_stack([along, np.cross(normal, along), normal])
     frame[:3, 3] = centre
-    family = PlaneFamily.spread(frame, REGION_FACTOR * sum(radii) / sine, -1.0, 1.0, count)
+    unit = REGION_FACTOR * sum(radii) / sine / RADIUS
+    family = PlaneFamily.spread(frame, unit, -RADIUS, RADIUS, count)
     ranges = np.array([_height_range(view, family) for view in views])
-    return PlaneFamily.spread(
-        frame, family.unit, max(-1.0, ranges[:, 0].max()), min(1.0, ranges[:, 1].min()), count
-    )
+    low, high = max(-RADIUS, ranges[:, 0].max()), min(RADIUS, ranges[:, 1].min())
+    return PlaneFamily.spread(frame, unit, low, high, count)
 
 
 def _middle_point(view: View) -> NDArray[np.float64]:
@@ -210,7 +213,7 @@ def _rays(
 def _depth_range(camera: Camera, family: PlaneFamily) -> tuple[float, float]:
     """Return the depths, in units, between which the region of interest lies."""
     centre = (family.frame[:3, 3] - camera.position) @ camera.rotation[:, 2] / family.unit
-    return max(float(centre) - 1.0, 0.0), max(float(centre) + 1.0, 1.0)
+    return max(float(centre) - RADIUS, 0.0), max(float(centre), 0.0) + RADIUS
 
 
 def initial_sections(
@@ -236,7 +239,7 @@ def initial_sections(
     sections : list of n CrossSection
     """
     if first.camera.is_pinhole or second.camera.is_pinhole:
-        whole = CrossSection.square((2.0, 2.0), center=True)
+        whole = CrossSection.square((2 * RADIUS, 2 * RADIUS), center=True)
         sections = clip_sections([whole] * len(offsets), first, family, offsets)
         return clip_sections(sections, second, family, offsets)
     across_first, spans_first = _raster(first, family, offsets)
@@ -336,7 +339,7 @@ def _strip_footprints(
     view: View, family: PlaneFamily, offsets: NDArray[np.float64]
 ) -> Callable[[int], CrossSection]:
     across, spans = _raster(view, family, offsets)
-    along = 2.0 * np.array([-across[1], across[0]])  # beyond the region on both sides
+    along = 2 * RADIUS * np.array([-across[1], across[0]])  # beyond the region on both sides
 
     def footprint(index: int) -> CrossSection:
         low, high = spans[index].T[:, :, None, None]

@@ -1,0 +1,320 @@
+"""Visual hulls: against exact intersections of viewing volumes, in any order, of any camera."""
+
+import copy
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference import exact_hull, random_solid
+
+from momrec_core import (
+    Camera,
+    EmptyHullError,
+    InvalidContourError,
+    NoCommonLineError,
+    View,
+    VisualHull,
+    reconstruct,
+    silhouette_of_mesh,
+)
+from momrec_core.simulation import random_directions, simulate_views
+
+K = np.array([[800.0, 0.0, 320.0], [0.0, 800.0, 240.0], [0.0, 0.0, 1.0]])
+
+
+def pose_towards(direction, target=(0.0, 0.0, 0.0), distance=0.0, up=(0.0, 0.0, 1.0)):
+    z = np.asarray(direction, dtype=float)
+    z /= np.linalg.norm(z)
+    up = up if abs(z @ up) < 0.99 else (1.0, 0.0, 0.0)
+    x = np.cross(z, up)
+    x /= np.linalg.norm(x)
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    pose[:3, 3] = np.asarray(target) - distance * z
+    return pose
+
+
+def ring_of_cameras(mesh, count, height, distance=3.0):
+    center, size = mesh.bounds.mean(axis=0), np.ptp(mesh.bounds, axis=0).max()
+    angles = 2 * np.pi * np.arange(count) / count
+    directions = np.c_[np.cos(angles), np.sin(angles), np.full(count, -height)]
+    return [
+        silhouette_of_mesh(
+            mesh, Camera.pinhole(pose_towards(direction, center, distance * size), K)
+        )
+        for direction in directions
+    ]
+
+
+def turntable(mesh, count):
+    angles = np.pi * np.arange(count) / count
+    return [
+        silhouette_of_mesh(mesh, Camera.orthographic(pose_towards((np.cos(a), np.sin(a), 0.0))))
+        for a in angles
+    ]
+
+
+def volume_of_slices(hull):
+    spacing = hull.offsets[1] - hull.offsets[0]
+    return spacing * sum(section.area for section in hull.sections)
+
+
+def compare(hull, views):
+    """Return relative errors: volume of the slices, volume and area of the mesh."""
+    exact, mesh = exact_hull(views), hull.mesh()
+    return np.array(
+        [
+            volume_of_slices(hull) / exact.volume() - 1,
+            mesh.volume / exact.volume() - 1,
+            mesh.area / exact.surface_area() - 1,
+        ]
+    )
+
+
+def test_slices_and_mesh_agree_with_the_exact_hull_of_parallel_views():
+    errors = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        views = simulate_views(random_solid(rng), 10, rng)
+        errors.append(compare(reconstruct(views, 64), views))
+    errors = np.abs(errors)
+    assert errors[:, 0].max() < 3e-3
+    assert errors[:, 1].max() < 5e-3
+    assert np.median(errors[:, 2]) < 5e-3
+    assert errors[:, 2].max() < 2e-2
+
+
+@pytest.mark.parametrize("height", [0.0, 0.3])
+def test_a_ring_of_pinholes_agrees_with_the_exact_hull(height):
+    errors = []
+    for seed in range(6):
+        mesh = random_solid(np.random.default_rng(seed))
+        views = ring_of_cameras(mesh, 10, height)
+        errors.append(compare(reconstruct(views, 64), views))
+    errors = np.median(np.abs(errors), axis=0)
+    assert errors[0] < 5e-3
+    assert errors[1] < 5e-3
+    assert errors[2] < 1e-2
+
+
+def test_a_sphere_of_pinholes_agrees_with_the_exact_hull():
+    errors = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        views = simulate_views(random_solid(rng), 10, rng, projection="central")
+        errors.append(compare(reconstruct(views, 64), views))
+    errors = np.median(np.abs(errors), axis=0)
+    assert errors[1] < 5e-3
+    assert errors[2] < 1e-2
+
+
+def test_pinholes_and_parallel_views_mix():
+    rng = np.random.default_rng(5)
+    mesh = random_solid(rng)
+    views = ring_of_cameras(mesh, 5, 0.2)
+    views += simulate_views(mesh, 5, rng)
+    for order in (views, views[::-1]):
+        assert np.abs(compare(reconstruct(order, 64), order)).max() < 1e-2
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_meshes_are_closed_manifold_and_outward(seed, is_central):
+    rng = np.random.default_rng(seed)
+    mesh = random_solid(rng)
+    count, slices = int(rng.integers(2, 21)), int(rng.integers(8, 129))
+    if is_central:
+        views = ring_of_cameras(mesh, max(count, 3), rng.uniform(0, 1))
+    else:
+        views = simulate_views(mesh, count, rng)
+    surface = reconstruct(views, slices).mesh()
+    assert surface.is_watertight
+    assert surface.is_winding_consistent
+    assert surface.volume > 0
+
+
+def test_area_hardly_depends_on_the_order_of_the_views():
+    spreads = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        views = simulate_views(random_solid(rng), 8, rng)
+        orders = [rng.permutation(8) for _ in range(4)]
+        areas = [reconstruct([views[k] for k in order], 64).mesh().area for order in orders]
+        spreads.append(np.ptp(areas) / np.mean(areas))
+    assert np.median(spreads) < 5e-3
+
+
+def test_the_hull_holds_the_object_after_every_view():
+    rng = np.random.default_rng(3)
+    mesh = random_solid(rng)
+    hull, volume = VisualHull(48), np.inf
+    for view in simulate_views(mesh, 8, rng):
+        hull.add(view)
+        if hull.ready:
+            now = hull.mesh().volume
+            assert 0.995 * mesh.volume < now < 1.005 * volume
+            volume = now
+
+
+def test_slices_are_perpendicular_to_the_common_line_and_equidistant():
+    rng = np.random.default_rng(4)
+    views = simulate_views(random_solid(rng), 3, rng)
+    hull = reconstruct(views, 20)
+    normal = hull.plane_frame[:3, 2]
+    assert abs(normal @ views[0].camera.rotation[:, 2]) < 1e-12
+    assert abs(normal @ views[1].camera.rotation[:, 2]) < 1e-12
+    np.testing.assert_allclose(np.diff(hull.offsets), np.diff(hull.offsets)[0], rtol=1e-12)
+    assert len(hull.offsets) == len(hull.sections) == 20
+
+
+def test_two_views_of_two_intervals_each_meet_in_four_parallelograms():
+    spans = shapely.box(0, 0, 1, 1).union(shapely.box(2, 0, 3, 1))
+    views = [
+        View(Camera.orthographic(pose_towards(direction)), spans)
+        for direction in ((1.0, 0.0, 0.0), (0.6, 0.8, 0.0))
+    ]
+    for section in reconstruct(views, 8).sections:
+        assert len(section.geoms) == 4
+        np.testing.assert_allclose([piece.area for piece in section.geoms], 1 / 0.8, rtol=1e-9)
+        assert all(len(piece.exterior.coords) == 5 for piece in section.geoms)
+
+
+def test_a_view_along_the_slicing_planes_clips_by_strips():
+    cylinder = trimesh.creation.cylinder(radius=1.0, height=1.0, sections=720)
+    views = turntable(cylinder, 6)
+    hull = reconstruct(views, 32)
+    dodecagon = 12 * np.tan(np.pi / 12)
+    np.testing.assert_allclose([section.area for section in hull.sections], dodecagon, rtol=1e-4)
+    assert np.abs(compare(hull, views)).max() < 5e-3
+
+
+def test_flat_ends_keep_their_place():
+    box = trimesh.creation.box((1.0, 2.0, 0.7))
+    mesh = reconstruct(turntable(box, 4), 8).mesh()
+    np.testing.assert_allclose(np.ptp(mesh.bounds, axis=0)[2], 0.7, rtol=1e-3)
+    assert mesh.volume == pytest.approx(1.4, rel=1e-3)
+    assert mesh.area == pytest.approx(box.area, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "euler", "bodies"),
+    [
+        (trimesh.creation.torus(1.0, 0.4), 0, 1),
+        (trimesh.creation.icosphere(3), 2, 1),
+        (
+            trimesh.util.concatenate(
+                [
+                    trimesh.creation.icosphere(2),
+                    trimesh.creation.icosphere(2).apply_translation((0, 0, 3)),
+                ]
+            ),
+            4,
+            2,
+        ),
+    ],
+)
+def test_holes_and_pieces_are_those_of_the_object(mesh, euler, bodies):
+    directions = random_directions(16, np.random.default_rng(0))
+    directions[0] = (1.0, 0.3, 0.1)
+    directions[1] = (0.1, 0.2, 1.0)
+    views = [
+        silhouette_of_mesh(mesh, Camera.orthographic(pose_towards(direction)))
+        for direction in directions
+    ]
+    surface = reconstruct(views, 48).mesh()
+    assert surface.euler_number == euler
+    assert surface.body_count == bodies
+
+
+def test_views_from_the_same_side_wait_and_then_take_part():
+    mesh = trimesh.creation.box((1.0, 2.0, 3.0))
+    front, back, side = (
+        silhouette_of_mesh(mesh, Camera.orthographic(pose_towards(direction)))
+        for direction in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    )
+    hull = VisualHull(16)
+    for view in (front, front, back):
+        hull.add(view)
+        assert not hull.ready
+        with pytest.raises(NoCommonLineError, match="from the same side"):
+            hull.mesh()
+    hull.add(side)
+    assert hull.ready
+    assert len(hull.views) == 4
+    assert hull.mesh().volume == pytest.approx(6.0, rel=1e-3)
+
+
+def test_an_empty_hull_names_the_view_that_emptied_it():
+    square = shapely.box(-1, -1, 1, 1)
+    far = shapely.box(9, 9, 10, 10)
+    directions = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.8, 0.3)]
+    poses = [pose_towards(direction) for direction in directions]
+    views = [View(Camera.orthographic(pose), square) for pose in poses]
+    for position in range(3):
+        bad = [*views]
+        bad[position] = View(views[position].camera, far)
+        hull = VisualHull(16)
+        for view in bad:
+            hull.add(view)
+        assert hull.emptied_by == max(position, 1)
+        with pytest.raises(EmptyHullError, match=f"view {max(position, 1)} "):
+            hull.mesh()
+        assert all(section.is_empty for section in hull.sections)
+
+
+def test_a_copy_is_independent_of_its_original():
+    rng = np.random.default_rng(6)
+    views = simulate_views(random_solid(rng), 4, rng)
+    hull = reconstruct(views[:3], 16)
+    before = hull.mesh().volume
+    trial = copy.copy(hull)
+    trial.add(views[3])
+    assert len(hull.views) == 3
+    assert len(trial.views) == 4
+    assert hull.mesh().volume == before
+
+
+def test_a_hull_thinner_than_the_spacing_is_not_lost():
+    directions = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.6, 0.5)]
+    tall = shapely.box(-1, -10, 1, 10)
+    views = [View(Camera.orthographic(pose_towards(d)), tall) for d in directions[:2]]
+    thin = shapely.box(-20, -0.01, 20, 0.01)
+    views.append(View(Camera.orthographic(pose_towards((1.0, 1.0, 0.0))), thin))
+    mesh = reconstruct(views, 16).mesh()
+    assert np.ptp(mesh.bounds, axis=0)[2] == pytest.approx(0.02, rel=1e-2)
+    assert mesh.volume == pytest.approx(0.08, rel=1e-2)
+
+
+def test_cameras_level_with_the_object_cut_planes_through_their_centres():
+    mesh = trimesh.creation.icosphere(3, radius=0.5)
+    views = ring_of_cameras(mesh, 9, 0.0)
+    for slices in (31, 32):
+        assert np.abs(compare(reconstruct(views, slices), views)).max() < 1e-2
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e4])
+def test_size_and_place_do_not_matter(scale):
+    mesh = random_solid(np.random.default_rng(7))
+    mesh.apply_scale(scale)
+    mesh.apply_translation(np.array([3.0, -2.0, 5.0]) * scale)
+    views = ring_of_cameras(mesh, 8, 0.4)
+    exact = exact_hull([_scaled(view, 1 / scale) for view in views])
+    assert reconstruct(views, 48).mesh().volume / scale**3 == pytest.approx(
+        exact.volume(), rel=5e-3
+    )
+
+
+def _scaled(view, factor):
+    pose = view.camera.pose.copy()
+    pose[:3, 3] *= factor
+    return View(Camera.pinhole(pose, view.camera.K), view.silhouette)
+
+
+def test_what_is_no_view_and_too_few_slices_are_refused():
+    with pytest.raises(InvalidContourError, match="Expected a View, got int"):
+        VisualHull().add(3)
+    with pytest.raises(ValueError, match="at least 2 slices, got 1"):
+        VisualHull(1)
