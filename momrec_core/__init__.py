@@ -15,7 +15,9 @@ from momrec_core.errors import (
     MomrecError,
     NoCommonLineError,
 )
+from momrec_core.estimators import MinimumDistanceClassifier, StepwiseSelector
 from momrec_core.hull import VisualHull, reconstruct
+from momrec_core.model import Recognition, RecognitionModel, load_model
 from momrec_core.moments import surface_moments
 from momrec_core.recognizer import ObjectResult, Recognizer
 from momrec_core.silhouette import silhouette_of_mesh
@@ -29,14 +31,19 @@ __all__ = [
     "EmptyHullError",
     "InvalidCameraError",
     "InvalidContourError",
+    "MinimumDistanceClassifier",
     "ModelFormatError",
     "MomrecError",
     "NoCommonLineError",
     "ObjectResult",
+    "Recognition",
+    "RecognitionModel",
     "Recognizer",
+    "StepwiseSelector",
     "View",
     "VisualHull",
     "coverage",
+    "load_model",
     "normalize",
     "reconstruct",
     "silhouette_of_mesh",

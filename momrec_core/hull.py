@@ -24,6 +24,7 @@ from momrec_core.slicing import (
     PlaneFamily,
     clip_sections,
     common_line,
+    height_range,
     initial_sections,
     viewing_region,
 )
@@ -35,7 +36,7 @@ __all__ = ["VisualHull", "reconstruct"]
 EMPTY_SHARE = 0.05  # of the planes at the ends without the hull, before the planes are laid anew
 SPARSE_SHARE = 0.34  # of the planes that still meet the hull, below which that can't wait
 SEARCH_ROUNDS, SEARCH_PLANES = 4, 4  # the hull's ends are found to 1 / 5^4 of a spacing
-SEARCH_DENSITY = 8  # planes per spacing where a hull may hide between two planes
+SEARCH_DENSITY = 32  # planes per spacing where a hull may hide between two planes
 END_INSET = 1e-3  # of the spacing: how far inside its ends the hull is cut for its caps
 DOUBTFUL_VOLUME = 3e-5  # of the hull's: what a slab with an event or a ledge may leave open
 EVENT_DEPTH = 8  # halvings of such a slab at the most
@@ -148,7 +149,10 @@ class VisualHull:
     def _search_between(self, previous: NDArray[np.int64]) -> bool:
         """Look between the planes for a hull thinner than their spacing."""
         family = self._require_family()
-        low, high = self._bracket(previous)
+        ranges = np.array([self._bracket(previous), height_range(self.views[-1], family)])
+        low, high = float(ranges[:, 0].max()), float(ranges[:, 1].min())
+        if low >= high:
+            return False
         count = SEARCH_DENSITY * (len(previous) + 1)
         finer = PlaneFamily.spread(family.frame, family.unit, low, high, count)
         sections = self._cut(finer, finer.offsets)
@@ -167,7 +171,7 @@ class VisualHull:
         """Cut the intersection of all viewing volumes with planes at any offsets."""
         first, second = self._require_pair()
         sections = initial_sections(self.views[first], self.views[second], family, offsets)
-        for index, view in enumerate(self.views):
+        for index, view in reversed([*enumerate(self.views)]):  # the newest leave the least
             if index not in (first, second):
                 sections = clip_sections(sections, view, family, offsets)
         return sections

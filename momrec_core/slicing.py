@@ -23,6 +23,7 @@ __all__ = [
     "PlaneFamily",
     "clip_sections",
     "common_line",
+    "height_range",
     "initial_sections",
     "viewing_direction",
     "viewing_region",
@@ -154,7 +155,7 @@ def viewing_region(first: View, second: View, normal: NDArray[np.float64], count
     frame[:3, 3] = centre
     unit = REGION_FACTOR * sum(radii) / sine / RADIUS
     family = PlaneFamily.spread(frame, unit, -RADIUS, RADIUS, count)
-    ranges = np.array([_height_range(view, family) for view in views])
+    ranges = np.array([height_range(view, family) for view in views])
     low, high = max(-RADIUS, ranges[:, 0].max()), min(RADIUS, ranges[:, 1].min())
     return PlaneFamily.spread(frame, unit, low, high, count)
 
@@ -188,11 +189,13 @@ def _apparent_radius(view: View, centre: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(corners[1] - corners[0])) / 2 * depth
 
 
-def _height_range(view: View, family: PlaneFamily) -> tuple[float, float]:
-    """Return the offsets between which a viewing volume lies, within the region of interest."""
+def height_range(view: View, family: PlaneFamily) -> tuple[float, float]:
+    """Return the offsets, in units, between which a viewing volume lies within the region."""
     camera = view.camera
     points = np.concatenate(view.rings)
     if not camera.is_pinhole:
+        if abs(camera.rotation[:, 2] @ family.frame[:3, 2]) >= STRIP_COSINE:
+            return -RADIUS, RADIUS
         corners = camera.position + points @ camera.rotation[:, :2].T
         heights = family.to_planes(corners)[:, 2]
     else:

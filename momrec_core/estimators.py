@@ -1,0 +1,198 @@
+"""Linear discrimination as in section 5 of the paper, as scikit-learn estimators."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.feature_selection import SelectorMixin
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+__all__ = ["MinimumDistanceClassifier", "StepwiseSelector"]
+
+SINGULAR = 1e-10  # of a feature's variance: what the others may leave of it in an invertible T
+
+
+class StepwiseSelector(SelectorMixin, BaseEstimator):
+    """Choose features one by one so that trace(T_q^-1 B_q) is largest at each step.
+
+    T_q is the total covariance of the q features chosen so far and the candidate, B_q their
+    covariance between classes. A candidate that the chosen ones determine is passed over.
+
+    Parameters
+    ----------
+    max_features : int, default 10
+        Number of steps at the most.
+
+    Attributes
+    ----------
+    selected_ : array of int, shape (steps,)
+        The chosen features in the order of their choice.
+    traces_ : array, shape (steps,)
+        The criterion after each step; at most the number of classes less one.
+    n_features_in_ : int
+        Number of features seen in `fit`.
+
+    References
+    ----------
+    Section 5 of the paper.
+    """
+
+    def __init__(self, max_features: int = 10) -> None:
+        self.max_features = max_features
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Choose features.
+
+        Parameters
+        ----------
+        X : array-like, shape (n, features)
+        y : array-like, shape (n,)
+            Class labels.
+
+        Returns
+        -------
+        self : StepwiseSelector
+        """
+        X, y = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(y)
+        if self.max_features < 1:
+            raise ValueError(f"Expected at least one feature, got {self.max_features}")
+        total, between = _covariances(_standardised(X), y)
+        chosen: list[int] = []
+        traces = []
+        while len(chosen) < min(self.max_features, X.shape[1]):
+            gains = np.array(
+                [_criterion(total, between, [*chosen, index]) for index in range(X.shape[1])]
+            )
+            gains[chosen] = -np.inf
+            best = int(np.argmax(gains))
+            if not np.isfinite(gains[best]):
+                break
+            chosen.append(best)
+            traces.append(gains[best])
+        self.selected_ = np.array(chosen or [0])
+        self.traces_ = np.array(traces if chosen else [0.0])
+        return self
+
+    def _get_support_mask(self) -> NDArray[np.bool_]:
+        check_is_fitted(self)
+        mask = np.zeros(self.n_features_in_, dtype=bool)
+        mask[self.selected_] = True
+        return mask
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = True
+        return tags
+
+
+def _standardised(X: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Centre features and scale those that vary to unit variance; the criterion is the same."""
+    centred = X - X.mean(axis=0)
+    spread = centred.std(axis=0)
+    varies = spread > SINGULAR * np.abs(X).max(axis=0)
+    return np.asarray(np.where(varies, centred / np.where(varies, spread, 1.0), 0.0))
+
+
+def _covariances(
+    X: NDArray[np.float64], y: NDArray[Any]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the total covariance T and the covariance between classes B."""
+    _, classes, counts = np.unique(y, return_inverse=True, return_counts=True)
+    sums = np.zeros((len(counts), X.shape[1]))
+    np.add.at(sums, classes, X)
+    offsets = sums / counts[:, None] - X.mean(axis=0)
+    centred = X - X.mean(axis=0)
+    return centred.T @ centred / len(X), (counts[:, None] * offsets).T @ offsets / len(X)
+
+
+def _criterion(
+    total: NDArray[np.float64], between: NDArray[np.float64], features: list[int]
+) -> float:
+    """Return trace(T_q^-1 B_q), or -inf where the last feature hangs on the others."""
+    block = np.ix_(features, features)
+    *others, last = features
+    left = total[last, last]
+    if others:
+        across = total[others, last]
+        left -= across @ np.linalg.solve(total[np.ix_(others, others)], across)
+    if left <= SINGULAR:
+        return -np.inf
+    return float(np.trace(np.linalg.solve(total[block], between[block])))
+
+
+class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):
+    """Give each vector the class with the nearest mean in the metric of the total covariance T.
+
+    Attributes
+    ----------
+    classes_ : array, shape (classes,)
+        The labels, sorted.
+    means_ : array, shape (classes, features)
+        Mean of each class.
+    covariance_ : array, shape (features, features)
+        T, the covariance of all vectors about their common mean.
+    metric_ : array, shape (features, features)
+        Inverse of T.
+    regularized_ : bool
+        Whether T was singular, so that the directions in which the vectors do not vary were
+        left out of the metric.
+    n_features_in_ : int
+        Number of features seen in `fit`.
+
+    References
+    ----------
+    Section 5 of the paper.
+    """
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Learn the classes' means and the metric.
+
+        Parameters
+        ----------
+        X : array-like, shape (n, features)
+        y : array-like, shape (n,)
+            Class labels.
+
+        Returns
+        -------
+        self : MinimumDistanceClassifier
+        """
+        X, y = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(y)
+        self.classes_, classes = np.unique(y, return_inverse=True)
+        if len(self.classes_) < 2:
+            raise ValueError(
+                f"Expected at least two classes, got one class: {self.classes_.tolist()}"
+            )
+        self.means_ = np.array([X[classes == index].mean(axis=0) for index in np.unique(classes)])
+        self.covariance_ = np.atleast_2d(np.cov(X.T, bias=True))
+        self.metric_, self.regularized_ = invert_covariance(self.covariance_)
+        return self
+
+    def distances(self, X: ArrayLike) -> NDArray[np.float64]:
+        """Return the distance of each vector from each class's mean; shape (n, classes)."""
+        check_is_fitted(self)
+        X = validate_data(self, X, reset=False, dtype=np.float64)
+        offsets = X[:, None, :] - self.means_[None, :, :]
+        squares = np.einsum("ncf,fg,ncg->nc", offsets, self.metric_, offsets)
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+    def predict(self, X: ArrayLike) -> NDArray[Any]:
+        """Return the label of each vector; shape (n,)."""
+        nearest = self.distances(X).argmin(axis=1)
+        return np.asarray(self.classes_[nearest])
+
+
+def invert_covariance(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
+    """Invert a covariance matrix within the directions that vary; tell whether some do not."""
+    spread = np.sqrt(np.diag(covariance))
+    spread = np.where(spread > 0, spread, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(spread, spread))
+    varies = values > SINGULAR * max(float(values[-1]), np.finfo(np.float64).tiny)
+    kept = vectors[:, varies] / spread[:, None]
+    return kept / values[varies] @ kept.T, not bool(varies.all())

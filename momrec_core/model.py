@@ -1,0 +1,385 @@
+"""What a shape is: classes learned from instances, kept in a file that people can read."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from sklearn.model_selection import StratifiedKFold
+
+from momrec_core.canonical import CanonicalShape, normalize
+from momrec_core.errors import ModelFormatError
+from momrec_core.estimators import MinimumDistanceClassifier, StepwiseSelector, invert_covariance
+from momrec_core.features import feature_vectors, moment_indices
+
+__all__ = ["UNKNOWN", "Recognition", "RecognitionModel", "load_model"]
+
+UNKNOWN = "unknown"  # the label of what is far from every class; no class may have it
+FORMAT, VERSION = "momrec recognition model", 1
+MAX_FILE_BYTES = 16 * 2**20  # a model of a thousand classes has two megabytes
+MAX_ORDER = 5  # canonical shapes carry their moments up to it
+ALIGNING_ROUNDS = 10  # in which the instances of a class find their common frame
+FOLDS = 5  # of the cross-validation that the threshold is learned from
+KNOWN_QUANTILE = 0.99  # of the held-back distances lies below the threshold, before its margin
+THRESHOLD_MARGIN = 1.5  # on the largest held-back distance: few instances show no rare ones
+
+
+@dataclass(frozen=True, eq=False)
+class Recognition:
+    """What a model says of a shape.
+
+    Attributes
+    ----------
+    label : str
+        The nearest class, or ``unknown`` where that is too far.
+    known : bool
+        Whether the nearest class is near enough.
+    distance : float
+        To the nearest class's mean, in the metric of the total covariance.
+    score : float
+        How sure the label is, 0 to 1: the nearest class's share among all, by the spread of
+        held-back instances; halved at the threshold beyond which objects are unknown. For
+        ``unknown``, one less that.
+    ranking : tuple of (label, distance, score)
+        All classes, nearest first.
+    canonical : CanonicalShape
+        The shape that was recognised.
+    """
+
+    label: str
+    known: bool
+    distance: float
+    score: float
+    ranking: tuple[tuple[str, float, float], ...]
+    canonical: CanonicalShape
+
+
+@dataclass(frozen=True, eq=False)
+class RecognitionModel:
+    """Classes of shapes, by the means of a few normalised moments; made with `fit`.
+
+    Attributes
+    ----------
+    classes : tuple of str
+        Labels.
+    indices : tuple of (int, int, int)
+        The moments eta_ijk in use, in the order of their selection.
+    means : array, shape (classes, moments)
+        Of each class.
+    covariance : array, shape (moments, moments)
+        T, of all training instances.
+    threshold : float
+        Distance from the nearest class beyond which a shape is unknown.
+    spread : float
+        Root mean square distance of held-back instances from their class's mean.
+    """
+
+    classes: tuple[str, ...]
+    indices: tuple[tuple[int, int, int], ...]
+    means: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    threshold: float
+    spread: float
+    _metric: NDArray[np.float64] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_metric", invert_covariance(self.covariance)[0])
+
+    @classmethod
+    def fit(
+        cls,
+        shapes: Sequence[CanonicalShape | trimesh.Trimesh],
+        labels: Sequence[str],
+        *,
+        max_features: int = 10,
+        order: int = 5,
+    ) -> Self:
+        """Learn classes from instances.
+
+        Parameters
+        ----------
+        shapes : sequence of CanonicalShape or Trimesh
+            Instances, each as it would be reconstructed.
+        labels : sequence of str
+            The class of each; at least two classes with two instances each.
+        max_features : int
+            Number of moments at the most.
+        order : int
+            Highest order of the moments to choose from, 2 to 5.
+
+        Returns
+        -------
+        model : RecognitionModel
+
+        Raises
+        ------
+        DegenerateShapeError
+            If a mesh has no area.
+        ValueError
+            If classes or instances are too few, or a parameter is out of its range.
+
+        Notes
+        -----
+        Instances whose frame is ambiguous take, of their admissible frames, the one nearest to
+        their class's mean. The threshold is learned from the distances of instances that were
+        held back, in turn, from selection, means and metric.
+        """
+        names = [str(label) for label in labels]
+        _check_training(len(shapes), names, max_features, order)
+        indices = moment_indices(order)
+        candidates = [feature_vectors(_canonical(shape), indices) for shape in shapes]
+        y = np.array(names)
+        X = _aligned(candidates, y)
+        selector = StepwiseSelector(max_features).fit(X, y)
+        classifier = MinimumDistanceClassifier().fit(X[:, selector.selected_], y)
+        held_back = _held_back_distances(X, y, max_features)
+        quantile = float(np.quantile(held_back, KNOWN_QUANTILE))
+        return cls(
+            classes=tuple(classifier.classes_.tolist()),
+            indices=tuple(indices[index] for index in selector.selected_),
+            means=classifier.means_,
+            covariance=classifier.covariance_,
+            threshold=THRESHOLD_MARGIN * max(quantile, np.finfo(np.float64).eps),
+            spread=float(np.sqrt(np.mean(held_back**2))),
+        )
+
+    def recognize(self, mesh_or_canonical: CanonicalShape | trimesh.Trimesh) -> Recognition:
+        """Name a shape.
+
+        Parameters
+        ----------
+        mesh_or_canonical : Trimesh or CanonicalShape
+            A mesh in the world (metres), or one already normalised. An ambiguous frame is tried
+            in each of its admissible orientations.
+
+        Returns
+        -------
+        recognition : Recognition
+
+        Raises
+        ------
+        DegenerateShapeError
+            If a mesh has no area.
+        """
+        canonical = _canonical(mesh_or_canonical)
+        vectors = feature_vectors(canonical, list(self.indices))
+        offsets = vectors[:, None, :] - self.means[None, :, :]
+        squares = np.einsum("acf,fg,acg->ac", offsets, self._metric, offsets)
+        distances = np.sqrt(np.maximum(squares.min(axis=0), 0.0))
+        scores = self._scores(distances)
+        ranking = tuple(
+            (self.classes[index], float(distances[index]), float(scores[index]))
+            for index in np.argsort(distances, kind="stable")
+        )
+        label, distance, score = ranking[0]
+        known = distance <= self.threshold
+        return Recognition(
+            label=label if known else UNKNOWN,
+            known=known,
+            distance=distance,
+            score=score if known else 1.0 - 0.5 ** ((distance / self.threshold) ** 2),
+            ranking=ranking,
+            canonical=canonical,
+        )
+
+    def _scores(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
+        spread = max(self.spread, np.finfo(np.float64).eps)
+        exponents = (distances**2 - distances.min() ** 2) / (2 * spread**2)
+        shares = np.exp(-exponents)
+        near = 0.5 ** np.minimum((distances / self.threshold) ** 2, 1e3)
+        return np.asarray(shares / shares.sum() * near)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the model as JSON, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Written over if it is there.
+        """
+        content = {
+            "format": FORMAT,
+            "version": VERSION,
+            "classes": list(self.classes),
+            "moments": [list(index) for index in self.indices],
+            "means": self.means.tolist(),
+            "covariance": self.covariance.tolist(),
+            "threshold": self.threshold,
+            "spread": self.spread,
+        }
+        target = Path(path)
+        temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
+        try:
+            temporary.write_text(_readable(content), encoding="utf-8")
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+def load_model(path: str | os.PathLike[str]) -> RecognitionModel:
+    """Read a model that `RecognitionModel.save` wrote.
+
+    Parameters
+    ----------
+    path : path
+        A JSON file.
+
+    Returns
+    -------
+    model : RecognitionModel
+
+    Raises
+    ------
+    ModelFormatError
+        If the file cannot be read, is no model, is damaged, or is of another version.
+    """
+    source = Path(path)
+    try:
+        with source.open("rb") as stream:
+            data = stream.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise ModelFormatError(
+            f"Expected a model file, cannot read {source}: {error.strerror}"
+        ) from error
+    if len(data) > MAX_FILE_BYTES:
+        raise ModelFormatError(
+            f"Expected a model of at most {MAX_FILE_BYTES} bytes, {source} has more"
+        )
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise ModelFormatError(f"Expected JSON in {source}: {error}") from error
+    try:
+        return _from_content(content)
+    except ModelFormatError as error:
+        raise ModelFormatError(f"{source}: {error}") from None
+
+
+def _readable(content: Mapping[str, Any]) -> str:
+    """Write one field, and one row of a table, a line."""
+    lines = []
+    for name, value in content.items():
+        if isinstance(value, list) and value and isinstance(value[0], list):
+            rows = ",\n  ".join(json.dumps(row) for row in value)
+            lines.append(f" {json.dumps(name)}: [\n  {rows}\n ]")
+        else:
+            lines.append(f" {json.dumps(name)}: {json.dumps(value)}")
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _from_content(content: object) -> RecognitionModel:
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise ModelFormatError(f'Expected an object with "format": "{FORMAT}"')
+    if content.get("version") != VERSION:
+        raise ModelFormatError(
+            f"Expected version {VERSION} of the format, got {content.get('version')!r:.40}"
+        )
+    classes = content.get("classes")
+    if not isinstance(classes, list) or not all(isinstance(name, str) for name in classes):
+        raise ModelFormatError('Expected a list of labels in "classes"')
+    if len(set(classes)) != len(classes) or len(classes) < 2 or UNKNOWN in classes:
+        raise ModelFormatError(
+            f'Expected at least two different labels, none of them "{UNKNOWN}", in "classes"'
+        )
+    indices = _indices(content.get("moments"))
+    covariance = _numbers(content, "covariance", (len(indices), len(indices)))
+    if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance)[0] < -(
+        1e-9 * np.abs(covariance).max()
+    ):
+        raise ModelFormatError('Expected a symmetric matrix without negative "covariance"')
+    threshold, spread = (float(_numbers(content, name, ())) for name in ("threshold", "spread"))
+    if threshold <= 0 or spread < 0:
+        raise ModelFormatError(
+            f'Expected a positive "threshold" and "spread", got {threshold} and {spread}'
+        )
+    means = _numbers(content, "means", (len(classes), len(indices)))
+    return RecognitionModel(tuple(classes), indices, means, covariance, threshold, spread)
+
+
+def _indices(value: object) -> tuple[tuple[int, int, int], ...]:
+    known = set(moment_indices(MAX_ORDER))
+    indices = (
+        [tuple(index) for index in value if isinstance(index, list)]
+        if isinstance(value, list)
+        else []
+    )
+    if not indices or len(set(indices)) != len(indices) or not set(indices) <= known:
+        raise ModelFormatError(
+            f'Expected different triples i, j, k of order 2 to {MAX_ORDER} in "moments"'
+        )
+    return tuple((index[0], index[1], index[2]) for index in indices)
+
+
+def _numbers(
+    content: Mapping[str, object], name: str, shape: tuple[int, ...]
+) -> NDArray[np.float64]:
+    try:
+        numbers = np.array(content.get(name), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ModelFormatError(f'Expected numbers of shape {shape} in "{name}"') from error
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        raise ModelFormatError(
+            f'Expected finite numbers of shape {shape} in "{name}", got shape {numbers.shape}'
+        )
+    return numbers
+
+
+def _check_training(count: int, names: Sequence[str], max_features: int, order: int) -> None:
+    if count != len(names):
+        raise ValueError(f"Expected a label for each of {count} shapes, got {len(names)}")
+    if not 2 <= order <= MAX_ORDER:
+        raise ValueError(f"Expected an order from 2 to {MAX_ORDER}, got {order}")
+    if max_features < 1:
+        raise ValueError(f"Expected at least one feature, got {max_features}")
+    if UNKNOWN in names:
+        raise ValueError(f'Expected labels other than "{UNKNOWN}"')
+    labels, counts = np.unique(names, return_counts=True)
+    if len(labels) < 2 or counts.min() < 2:
+        found = dict(zip(labels.tolist(), counts.tolist(), strict=True))
+        raise ValueError(f"Expected two classes or more with two instances or more, got {found}")
+
+
+def _canonical(shape: CanonicalShape | trimesh.Trimesh) -> CanonicalShape:
+    return shape if isinstance(shape, CanonicalShape) else normalize(shape)
+
+
+def _aligned(candidates: Sequence[NDArray[np.float64]], y: NDArray[np.str_]) -> NDArray[np.float64]:
+    """Choose, for each instance, the admissible frame that brings it next to its class's mean."""
+    X = np.array([vectors[0] for vectors in candidates])
+    scale = X.std(axis=0)
+    scale[scale == 0] = 1.0
+    for label in np.unique(y):
+        members = np.flatnonzero(y == label)
+        mean = X[min(members, key=lambda member: len(candidates[member]))]
+        for _ in range(ALIGNING_ROUNDS):
+            before = X[members]
+            for member in members:
+                offsets = np.linalg.norm((candidates[member] - mean) / scale, axis=1)
+                X[member] = candidates[member][offsets.argmin()]
+            mean = X[members].mean(axis=0)
+            if (X[members] == before).all():
+                break
+    return X
+
+
+def _held_back_distances(
+    X: NDArray[np.float64], y: NDArray[np.str_], max_features: int
+) -> NDArray[np.float64]:
+    """Return each instance's distance from its class, learned without it."""
+    fewest = int(np.unique(y, return_counts=True)[1].min())
+    folds = StratifiedKFold(min(FOLDS, fewest), shuffle=True, random_state=0)
+    distances = np.empty(len(X))
+    for learned, held_back in folds.split(X, y):
+        chosen = StepwiseSelector(max_features).fit(X[learned], y[learned]).selected_
+        classifier = MinimumDistanceClassifier().fit(X[np.ix_(learned, chosen)], y[learned])
+        own = np.searchsorted(classifier.classes_, y[held_back])
+        to_all = classifier.distances(X[np.ix_(held_back, chosen)])
+        distances[held_back] = to_all[np.arange(len(own)), own]
+    return distances
