@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-import trimesh
-from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedKFold
 
 from momrec_core.canonical import CanonicalShape, normalize
 from momrec_core.errors import ModelFormatError
 from momrec_core.estimators import MinimumDistanceClassifier, StepwiseSelector, invert_covariance
 from momrec_core.features import feature_vectors, moment_indices
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import trimesh
+    from numpy.typing import NDArray
 
 __all__ = ["UNKNOWN", "Recognition", "RecognitionModel", "load_model"]
 
@@ -304,13 +307,11 @@ def _from_content(content: object) -> RecognitionModel:
 
 
 def _indices(value: object) -> tuple[tuple[int, int, int], ...]:
-    known = set(moment_indices(MAX_ORDER))
-    indices = (
-        [tuple(index) for index in value if isinstance(index, list)]
-        if isinstance(value, list)
-        else []
-    )
-    if not indices or len(set(indices)) != len(indices) or not set(indices) <= known:
+    known = moment_indices(MAX_ORDER)
+    rows = value if isinstance(value, list) else []
+    whole = all(isinstance(row, list) and all(type(power) is int for power in row) for row in rows)
+    indices = [tuple(row) for row in rows] if whole else []
+    if not indices or len(set(indices)) != len(indices) or not set(indices) <= set(known):
         raise ModelFormatError(
             f'Expected different triples i, j, k of order 2 to {MAX_ORDER} in "moments"'
         )
@@ -321,14 +322,16 @@ def _numbers(
     content: Mapping[str, object], name: str, shape: tuple[int, ...]
 ) -> NDArray[np.float64]:
     try:
-        numbers = np.array(content.get(name), dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        numbers = np.array(content.get(name))
+    except ValueError as error:
         raise ModelFormatError(f'Expected numbers of shape {shape} in "{name}"') from error
+    if numbers.dtype.kind not in "if":  # text, null, true, or an integer beyond all floats
+        raise ModelFormatError(f'Expected numbers of shape {shape} in "{name}"')
     if numbers.shape != shape or not np.isfinite(numbers).all():
         raise ModelFormatError(
             f'Expected finite numbers of shape {shape} in "{name}", got shape {numbers.shape}'
         )
-    return numbers
+    return numbers.astype(np.float64)
 
 
 def _check_training(count: int, names: Sequence[str], max_features: int, order: int) -> None:
