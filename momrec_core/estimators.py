@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.feature_selection import SelectorMixin
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["MinimumDistanceClassifier", "StepwiseSelector"]
 
 SINGULAR = 1e-10  # of a feature's variance: what the others may leave of it in an invertible T
 
 
-class StepwiseSelector(SelectorMixin, BaseEstimator):
+class StepwiseSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]  # both are untyped
     """Choose features one by one so that trace(T_q^-1 B_q) is largest at each step.
 
     T_q is the total covariance of the q features chosen so far and the candidate, B_q their
@@ -57,16 +59,19 @@ class StepwiseSelector(SelectorMixin, BaseEstimator):
         -------
         self : StepwiseSelector
         """
-        X, y = validate_data(self, X, y, dtype=np.float64)
-        check_classification_targets(y)
+        vectors, labels = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(labels)
         if self.max_features < 1:
             raise ValueError(f"Expected at least one feature, got {self.max_features}")
-        total, between = _covariances(_standardised(X), y)
+        total, between = _covariances(_standardised(vectors), labels)
         chosen: list[int] = []
         traces = []
-        while len(chosen) < min(self.max_features, X.shape[1]):
+        while len(chosen) < min(self.max_features, self.n_features_in_):
             gains = np.array(
-                [_criterion(total, between, [*chosen, index]) for index in range(X.shape[1])]
+                [
+                    _criterion(total, between, [*chosen, index])
+                    for index in range(self.n_features_in_)
+                ]
             )
             gains[chosen] = -np.inf
             best = int(np.argmax(gains))
@@ -125,7 +130,7 @@ def _criterion(
     return float(np.trace(np.linalg.solve(total[block], between[block])))
 
 
-class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):
+class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # likewise
     """Give each vector the class with the nearest mean in the metric of the total covariance T.
 
     Attributes
@@ -162,23 +167,25 @@ class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):
         -------
         self : MinimumDistanceClassifier
         """
-        X, y = validate_data(self, X, y, dtype=np.float64)
-        check_classification_targets(y)
-        self.classes_, classes = np.unique(y, return_inverse=True)
+        vectors, labels = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(labels)
+        self.classes_, classes = np.unique(labels, return_inverse=True)
         if len(self.classes_) < 2:
             raise ValueError(
                 f"Expected at least two classes, got one class: {self.classes_.tolist()}"
             )
-        self.means_ = np.array([X[classes == index].mean(axis=0) for index in np.unique(classes)])
-        self.covariance_ = np.atleast_2d(np.cov(X.T, bias=True))
+        self.means_ = np.array(
+            [vectors[classes == index].mean(axis=0) for index in np.unique(classes)]
+        )
+        self.covariance_ = np.atleast_2d(np.cov(vectors.T, bias=True))
         self.metric_, self.regularized_ = invert_covariance(self.covariance_)
         return self
 
     def distances(self, X: ArrayLike) -> NDArray[np.float64]:
         """Return the distance of each vector from each class's mean; shape (n, classes)."""
         check_is_fitted(self)
-        X = validate_data(self, X, reset=False, dtype=np.float64)
-        offsets = X[:, None, :] - self.means_[None, :, :]
+        vectors = validate_data(self, X, reset=False, dtype=np.float64)
+        offsets = vectors[:, None, :] - self.means_[None, :, :]
         squares = np.einsum("ncf,fg,ncg->nc", offsets, self.metric_, offsets)
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 

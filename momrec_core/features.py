@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from momrec_core.canonical import CANONICAL_AREA, CanonicalShape
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = ["feature_vectors", "moment_indices"]
 
@@ -20,7 +23,8 @@ def moment_indices(order: int = 5) -> list[tuple[int, int, int]]:
     All of i + j + k up to the order but the seven that the normalisation makes constant: 3 for
     order 2, 13 for order 3, 28 for order 4, 49 for order 5.
     """
-    indices = product(range(order + 1), repeat=3)
+    powers = range(order + 1)
+    indices = product(powers, powers, powers)
     kept = [index for index in indices if sum(index) <= order and index not in CONSTANT]
     return sorted(kept, key=lambda index: (sum(index), [-power for power in index]))
 
@@ -55,4 +59,4 @@ def feature_vectors(
         source = np.empty_like(powers)
         source[:, axes] = powers
         vectors.append(np.prod(signs**powers, axis=1) * shape.moments[tuple(source.T)])
-    return np.array(vectors) * scales
+    return np.asarray(np.array(vectors) * scales)

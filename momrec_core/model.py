@@ -359,7 +359,7 @@ def _aligned(candidates: Sequence[NDArray[np.float64]], y: NDArray[np.str_]) -> 
     scale = X.std(axis=0)
     scale[scale == 0] = 1.0
     for label in np.unique(y):
-        members = np.flatnonzero(y == label)
+        members = np.flatnonzero(y == label).tolist()
         mean = X[min(members, key=lambda member: len(candidates[member]))]
         for _ in range(ALIGNING_ROUNDS):
             before = X[members]
