@@ -7,19 +7,26 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint colcon clean
 
 demo: $(VENV)/runtime
 	$(BIN)/momrec demo --output demo
 
 test: $(VENV)/development
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto
 
 lint: $(VENV)/development
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# What a ROS user types after sourcing ROS, here with ROS from wheels.
+colcon: $(VENV)/development
+	. $(BIN)/activate && test "$$(colcon list --names-only)" = momrec_ros
+	. $(BIN)/activate && colcon list | grep --quiet '(ros.ament_python)'
+	. $(BIN)/activate && colcon build --event-handlers console_cohesion+
+	. install/setup.sh && install/momrec_ros/lib/momrec_ros/momrec --version
 
 clean:
 	rm -rf $(VENV) demo build install log

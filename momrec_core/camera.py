@@ -32,17 +32,10 @@ def check_pose(pose: ArrayLike) -> NDArray[np.float64]:
     InvalidCameraError
         If the matrix has another shape, is not finite, or is no rigid motion.
     """
-    try:
-        pose = np.array(pose, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidCameraError(f"Expected a pose of shape (4, 4), got {pose!r}") from error
-    if pose.shape != (4, 4):
-        raise InvalidCameraError(f"Expected a pose of shape (4, 4), got shape {pose.shape}")
-    if not np.isfinite(pose).all():
-        raise InvalidCameraError("Expected a finite pose, got NaN or infinity in it")
-    if not np.allclose(pose[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=ROTATION_TOLERANCE):
-        raise InvalidCameraError(f"Expected [0, 0, 0, 1] as the pose's last row, got {pose[3]}")
-    rotation = pose[:3, :3]
+    checked = _finite_matrix(pose, (4, 4), "pose")
+    if not np.allclose(checked[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=ROTATION_TOLERANCE):
+        raise InvalidCameraError(f"Expected [0, 0, 0, 1] as the pose's last row, got {checked[3]}")
+    rotation = checked[:3, :3]
     deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
     determinant = np.linalg.det(rotation)
     if deviation > 2 * ROTATION_TOLERANCE or determinant < 0:
@@ -51,29 +44,35 @@ def check_pose(pose: ArrayLike) -> NDArray[np.float64]:
             f"deviates by {deviation:.3g} with determinant {determinant:.6g}"
         )
     left, _, right = np.linalg.svd(rotation)
-    pose[:3, :3] = left @ right
-    pose[3] = 0.0, 0.0, 0.0, 1.0
-    return pose
+    checked[:3, :3] = left @ right
+    checked[3] = 0.0, 0.0, 0.0, 1.0
+    return checked
+
+
+def _finite_matrix(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.float64]:
+    try:
+        matrix = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidCameraError(f"Expected a {name} of shape {shape}, got {values!r}") from error
+    if matrix.shape != shape:
+        raise InvalidCameraError(f"Expected a {name} of shape {shape}, got shape {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise InvalidCameraError(f"Expected a finite {name}, got NaN or infinity in it")
+    return matrix
 
 
 def _check_intrinsics(K: ArrayLike) -> NDArray[np.float64]:
-    try:
-        K = np.array(K, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidCameraError(f"Expected K of shape (3, 3), got {K!r}") from error
-    if K.shape != (3, 3):
-        raise InvalidCameraError(f"Expected K of shape (3, 3), got shape {K.shape}")
-    if not np.isfinite(K).all():
-        raise InvalidCameraError("Expected a finite K, got NaN or infinity in it")
-    lower = K[[1, 2, 2], [0, 0, 1]]
-    if np.abs(lower).max() > ROTATION_TOLERANCE * np.abs(K).max() or K[2, 2] == 0:
-        raise InvalidCameraError(f"Expected an upper triangular K with K[2, 2] = 1, got\n{K}")
-    K = np.triu(K / K[2, 2])
-    if min(abs(K[0, 0]), abs(K[1, 1])) < np.finfo(np.float64).eps * np.abs(K).max():
+    matrix = _finite_matrix(K, (3, 3), "K")
+    lower = matrix[[1, 2, 2], [0, 0, 1]]
+    if np.abs(lower).max() > ROTATION_TOLERANCE * np.abs(matrix).max() or matrix[2, 2] == 0:
+        raise InvalidCameraError(f"Expected an upper triangular K with K[2, 2] = 1, got\n{matrix}")
+    matrix = np.triu(matrix / matrix[2, 2])
+    focal_lengths = np.abs(np.diag(matrix)[:2])
+    if focal_lengths.min() < np.finfo(np.float64).eps * np.abs(matrix).max():
         raise InvalidCameraError(
-            f"Expected focal lengths other than zero, got {K[0, 0]:.6g} and {K[1, 1]:.6g}"
+            f"Expected focal lengths other than zero, got {matrix[0, 0]:.6g}, {matrix[1, 1]:.6g}"
         )
-    return K
+    return matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +111,7 @@ class Camera:
         InvalidCameraError
             If the pose is no rigid motion.
         """
-        return cls(check_pose(pose))
+        return cls(np.asarray(pose))
 
     @classmethod
     def pinhole(cls, pose: ArrayLike, K: ArrayLike) -> Camera:
@@ -132,7 +131,7 @@ class Camera:
         InvalidCameraError
             If the pose is no rigid motion or K no intrinsic matrix.
         """
-        return cls(check_pose(pose), _check_intrinsics(K))
+        return cls(np.asarray(pose), np.asarray(K))
 
     @property
     def is_pinhole(self) -> bool:
@@ -149,9 +148,7 @@ class Camera:
         """Origin of the optical frame in the world, metres; shape (3,)."""
         return self.pose[:3, 3]
 
-    def project(
-        self, points_world: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def project(self, points_world: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Project points into the image.
 
         Parameters
@@ -197,6 +194,6 @@ class Camera:
             raise InvalidCameraError("Expected a pinhole camera, got one of parallel projection")
         points = np.asarray(points_image, dtype=np.float64)
         homogeneous = np.column_stack([points, np.ones(len(points))])
-        rays: NDArray[np.float64] = np.linalg.solve(self.K, homogeneous.T).T
+        rays = np.linalg.solve(self.K, homogeneous.T).T
         rays[:, 2] = 1.0
-        return rays
+        return np.asarray(rays)

@@ -10,12 +10,12 @@ from sklearn.feature_selection import SelectorMixin
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from momrec_core.covariance import SINGULAR, invert_covariance
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["MinimumDistanceClassifier", "StepwiseSelector"]
-
-SINGULAR = 1e-10  # of a feature's variance: what the others may leave of it in an invertible T
 
 
 class StepwiseSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]  # both are untyped
@@ -193,13 +193,3 @@ class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):  # type: ignore
         """Return the label of each vector; shape (n,)."""
         nearest = self.distances(X).argmin(axis=1)
         return np.asarray(self.classes_[nearest])
-
-
-def invert_covariance(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
-    """Invert a covariance matrix within the directions that vary; tell whether some do not."""
-    spread = np.sqrt(np.diag(covariance))
-    spread = np.where(spread > 0, spread, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(spread, spread))
-    varies = values > SINGULAR * max(float(values[-1]), np.finfo(np.float64).tiny)
-    kept = vectors[:, varies] / spread[:, None]
-    return kept / values[varies] @ kept.T, not bool(varies.all())

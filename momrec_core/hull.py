@@ -208,7 +208,6 @@ class VisualHull:
 
     def _settle(self) -> PlaneFamily:
         """Return the planes, laid anew if too many at the ends do not meet the hull."""
-        family = self._require_family()
         if self.emptied_by is None:
             occupied = _occupied(self._sections)
             unused = self._count - (occupied[-1] - occupied[0] + 1)
@@ -225,8 +224,8 @@ class VisualHull:
         return self._family
 
     def _require_pair(self) -> tuple[int, int]:
-        self._require_family()
-        assert self._pair is not None
+        if self._pair is None:
+            raise NoCommonLineError("Expected two views with different viewing directions")
         return self._pair
 
     @property

@@ -63,7 +63,7 @@ def cap(points: NDArray[np.float64], contours: list[NDArray[np.int64]]) -> NDArr
         Each edge of a contour is used once, in its direction, and all others in pairs.
     """
     loops = [points[contour, :2] for contour in contours]
-    return np.concatenate(contours)[manifold3d.triangulate(loops)]
+    return np.asarray(np.concatenate(contours)[manifold3d.triangulate(loops)])
 
 
 def join_knot(
@@ -185,7 +185,7 @@ def _cycles(
     cycles = []
     while leaving:
         start = next(iter(leaving))
-        cycle = []
+        cycle: list[list[int]] = []
         corner = start
         while not cycle or corner != start:
             choices = leaving.get(corner)

@@ -105,9 +105,7 @@ class Slab:
     doubt: float = 0.0
 
 
-def match_layers(
-    pairs: Sequence[tuple[Layer, Layer]], largest: float = np.inf
-) -> list[Slab]:
+def match_layers(pairs: Sequence[tuple[Layer, Layer]], largest: float = np.inf) -> list[Slab]:
     """Group the pieces of adjacent layers, below and above, by overlap.
 
     Parameters
@@ -184,7 +182,8 @@ def hole_pairs(below: Polygon, above: Polygon) -> list[tuple[int, int]] | None:
     if count == 0:
         return []
     holes = np.array([Polygon(hole) for piece in (below, above) for hole in piece.interiors])
-    lower, upper = _meeting(holes, np.indices((count, count)).reshape(2, -1).T + [0, count])
+    pairs = np.indices((count, count)).reshape(2, -1).T + np.array([0, count])
+    lower, upper = _meeting(holes, pairs)
     if len(lower) != count or len(set(lower.tolist())) + len(set(upper.tolist())) != 2 * count:
         return None
     return list(zip(lower.tolist(), (upper - count).tolist(), strict=True))
@@ -227,10 +226,10 @@ def without_needless(
     kept = np.isin([layer.offset for layer in layers], list(wanted))
     for index, slab in enumerate(match_layers(list(pairwise(layers)), largest)):
         kept[[index, index + 1]] |= slab.doubt > 0
-    gaps = [(low, high) for low, high in pairwise(np.flatnonzero(kept)) if high > low + 1]
+    gaps = [(low, high) for low, high in pairwise(np.flatnonzero(kept).tolist()) if high > low + 1]
     bridges = [(layers[low], layers[high]) for low, high in gaps]
     for gap, (below, above), slab in zip(
         gaps, bridges, match_layers(bridges, largest), strict=True
     ):
         kept[slice(*gap)] |= slab.doubt * (above.offset - below.offset) > doubtful_volume
-    return [layers[index] for index in np.flatnonzero(kept)]
+    return [layer for layer, is_kept in zip(layers, kept, strict=True) if is_kept]

@@ -75,7 +75,7 @@ def _without_flaps(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     _, groups = np.unique(corners, axis=0, return_inverse=True)
     groups = groups.ravel()
     excess = np.bincount(groups, weights=np.where(odd, -1.0, 1.0))
-    return triangles[excess[groups] != 0]
+    return np.asarray(triangles[excess[groups] != 0])
 
 
 def _compact(

@@ -31,7 +31,7 @@ MAX_ORDER = 5  # canonical shapes carry their moments up to it
 ALIGNING_ROUNDS = 10  # in which the instances of a class find their common frame
 FOLDS = 5  # of the cross-validation that the threshold is learned from
 KNOWN_QUANTILE = 0.99  # of the held-back distances lies below the threshold, before its margin
-THRESHOLD_MARGIN = 1.5  # on the largest held-back distance: few instances show no rare ones
+THRESHOLD_MARGIN = 1.5  # on that quantile: a few instances do not show the rare ones
 
 
 @dataclass(frozen=True, eq=False)

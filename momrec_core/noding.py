@@ -10,7 +10,8 @@ from scipy.spatial import KDTree
 
 __all__ = ["Contacts", "Edges", "find_contacts"]
 
-TOUCH = 1e-7  # units: above Clipper2's grid, and ten times below the layers' cleaning, so that no two vertices touch one
+# Units: above Clipper2's grid, and below the layers' cleaning, so that no two vertices touch one.
+TOUCH = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +81,7 @@ def find_contacts(below: Edges, above: Edges) -> Contacts:
     return Contacts(first, second, first_at, second_at, points)
 
 
-_EdgePairs = tuple[
-    NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]
-]
+_EdgePairs = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
 
 
 def _swapped(contacts: _EdgePairs) -> _EdgePairs:

@@ -123,7 +123,9 @@ class PlaneFamily:
         return self.spread(frame, self.unit * factor, -half, half, count)
 
 
-def viewing_region(first: View, second: View, normal: NDArray[np.float64], count: int) -> PlaneFamily:
+def viewing_region(
+    first: View, second: View, normal: NDArray[np.float64], count: int
+) -> PlaneFamily:
     """Lay planes through the space that two views have in common.
 
     Parameters
@@ -153,10 +155,10 @@ def viewing_region(first: View, second: View, normal: NDArray[np.float64], count
     frame = np.eye(4)
     frame[:3, :3] = np.column_stack([along, np.cross(normal, along), normal])
     frame[:3, 3] = centre
-    unit = REGION_FACTOR * sum(radii) / sine / RADIUS
+    unit = float(REGION_FACTOR * sum(radii) / sine / RADIUS)
     family = PlaneFamily.spread(frame, unit, -RADIUS, RADIUS, count)
     ranges = np.array([height_range(view, family) for view in views])
-    low, high = max(-RADIUS, ranges[:, 0].max()), min(RADIUS, ranges[:, 1].min())
+    low, high = max(-RADIUS, float(ranges[:, 0].max())), min(RADIUS, float(ranges[:, 1].min()))
     return PlaneFamily.spread(frame, unit, low, high, count)
 
 
@@ -166,7 +168,8 @@ def _middle_point(view: View) -> NDArray[np.float64]:
     if camera.is_pinhole:
         return camera.position
     left, low, right, high = view.silhouette.bounds
-    return camera.position + camera.rotation[:, :2] @ ((left + right) / 2, (low + high) / 2)
+    middle = camera.rotation[:, :2] @ ((left + right) / 2, (low + high) / 2)
+    return np.asarray(camera.position + middle)
 
 
 def _nearest_to_lines(
@@ -347,7 +350,12 @@ def _strip_footprints(
     def footprint(index: int) -> CrossSection:
         low, high = spans[index].T[:, :, None, None]
         corners = np.concatenate(
-            [low * across - along, high * across - along, high * across + along, low * across + along],
+            [
+                low * across - along,
+                high * across - along,
+                high * across + along,
+                low * across + along,
+            ],
             axis=1,
         )
         return CrossSection(list(corners), manifold3d.FillRule.NonZero)

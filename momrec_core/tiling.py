@@ -205,7 +205,7 @@ def _bands(
         slabs[index].pairs.remove((low, high))
         slabs[index].knots.append(([low], [high]))
     kept = np.array([owner not in poor for owner in owners], dtype=bool)
-    return bands.triangles[kept[bands.bands]]
+    return np.asarray(bands.triangles[kept[bands.bands]])
 
 
 def _divided(contours: _Contours, triangles: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -33,7 +33,7 @@ def _check_ring(ring: ArrayLike) -> NDArray[np.float64]:
             f"Expected finite vertices, got {points[bad[0]]} at vertex {bad[0]} of {len(points)}"
         )
     repeated = (points == np.roll(points, 1, axis=0)).all(axis=1)
-    return points[~repeated]
+    return np.asarray(points[~repeated])
 
 
 def _signed_area(points: NDArray[np.float64]) -> float:
@@ -122,7 +122,7 @@ def region_from_rings(rings: Iterable[ArrayLike]) -> MultiPolygon:
 
 def polygon_rings(region: Polygon | MultiPolygon) -> list[NDArray[np.float64]]:
     """Return the rings of a region without the repeated last vertex, each shape (n_i, 2)."""
-    rings = []
+    rings: list[NDArray[np.float64]] = []
     for piece in shapely.get_parts(region):
         rings.extend(shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(piece))
     return rings

@@ -111,7 +111,8 @@ def walk_bands(
     S. P. Uselton, Optimal surface reconstruction from planar contours, 1977.
     """
     if not below:
-        return Bands(np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))
+        none = np.empty(0, dtype=np.int64)
+        return Bands(none.reshape(0, 3), none, none.astype(bool))
     starts = _nearest_starts(points, below, above)
     paths = _Paths.unroll(below, starts[:, 0]), _Paths.unroll(above, starts[:, 1])
     triangles, bands, rises = _walk(points[:, :2], *paths)
@@ -119,7 +120,7 @@ def walk_bands(
     areas = np.bincount(bands, weights=_areas(*points[triangles].transpose(1, 0, 2)))
     large = paths[0].counts * paths[1].counts > MAX_GRID
     doubtful = (areas > DOUBTFUL_AREA * expected) | _pinched(bands, rises)
-    redone = np.flatnonzero(doubtful & ~large)
+    redone = np.flatnonzero(doubtful & ~large).tolist()
     best = [_least_band(points, *(path.path(band) for path in paths)) for band in redone]
     kept = ~np.isin(bands, redone)
     triangles = np.concatenate([triangles[kept], *best])
@@ -171,7 +172,7 @@ def _pinched(bands: NDArray[np.int64], rises: NDArray[np.bool_]) -> NDArray[np.b
     last = np.flatnonzero(np.diff(sorted_bands, append=-1))
     following = np.roll(sorted_rises, -1)
     following[last] = sorted_rises[np.concatenate([[0], last[:-1] + 1])]
-    return np.bincount(sorted_bands, weights=sorted_rises & ~following) == 1
+    return np.asarray(np.bincount(sorted_bands, weights=sorted_rises & ~following) == 1)
 
 
 def _areas(
@@ -204,10 +205,10 @@ def _least_band(
     for row in range(1, len(low)):
         least[row] += np.minimum.accumulate(least[row - 1] + rises[row - 1] - along[row])
     steps = _unpinched(_backtrack(least, rises, runs))
-    row = np.concatenate([[0], np.cumsum(steps)])
-    column = np.arange(len(row)) - row
-    third = np.where(steps, below[row[1:]], above[column[1:]])
-    return np.column_stack([below[row[:-1]], third, above[column[:-1]]])
+    rows = np.concatenate([[0], np.cumsum(steps)])
+    columns = np.arange(len(rows)) - rows
+    third = np.where(steps, below[rows[1:]], above[columns[1:]])
+    return np.column_stack([below[rows[:-1]], third, above[columns[:-1]]])
 
 
 def _areas_over_edges(

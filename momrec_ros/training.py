@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from momrec_core.model import RecognitionModel
 from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedKFold
 
 from momrec_core.canonical import CanonicalShape, normalize
 from momrec_core.errors import MomrecError
 from momrec_core.hull import reconstruct
+from momrec_core.model import RecognitionModel
 from momrec_core.simulation import simulate_instance
 from momrec_ros.files import MESH_INPUTS, read_mesh
 from momrec_ros.workers import worker_pool

@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import trimesh
-from momrec_core.model import RecognitionModel
 from shapely import Polygon
 
 from momrec_core import (
@@ -16,6 +15,7 @@ from momrec_core import (
     View,
 )
 from momrec_core.hull import reconstruct
+from momrec_core.model import RecognitionModel
 from momrec_core.recognizer import Recognizer
 from momrec_core.simulation import random_similarity, simulate_views
 

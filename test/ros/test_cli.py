@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from momrec_core.model import load_model
 from PIL import Image
 
 from momrec_core.hull import reconstruct
+from momrec_core.model import load_model
 from momrec_core.simulation import simulate_views
 from momrec_core.view import View
 from momrec_ros.bag import StampedView, read_bag
