@@ -208,6 +208,7 @@ class VisualHull:
 
     def _settle(self) -> PlaneFamily:
         """Return the planes, laid anew if too many at the ends do not meet the hull."""
+        self._require_family()
         if self.emptied_by is None:
             occupied = _occupied(self._sections)
             unused = self._count - (occupied[-1] - occupied[0] + 1)

@@ -6,7 +6,7 @@ import json
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 from sklearn.model_selection import StratifiedKFold
@@ -319,19 +319,51 @@ def _indices(value: object) -> tuple[tuple[int, int, int], ...]:
 
 
 def _numbers(
-    content: Mapping[str, object], name: str, shape: tuple[int, ...]
+    content: Mapping[str, object], name: str, shape: tuple[int, int] | tuple[()]
 ) -> NDArray[np.float64]:
-    try:
-        numbers = np.array(content.get(name))
-    except ValueError as error:
-        raise ModelFormatError(f'Expected numbers of shape {shape} in "{name}"') from error
-    if numbers.dtype.kind not in "if":  # text, null, true, or an integer beyond all floats
-        raise ModelFormatError(f'Expected numbers of shape {shape} in "{name}"')
-    if numbers.shape != shape or not np.isfinite(numbers).all():
+    value = content.get(name)
+    table = value if shape else [[value]]
+    rows, columns = shape or (1, 1)
+    expected = f'Expected {rows} x {columns} numbers up to {LARGEST:g} in "{name}"'
+    if not isinstance(table, list) or len(table) != rows:
+        raise ModelFormatError(f"{expected}, got {_described(table)}")
+    for row in table:
+        if not isinstance(row, list) or len(row) != columns:
+            raise ModelFormatError(f"{expected}, got {_described(row)} in a row")
+        wrong = [entry for entry in row if not _is_number(entry)]
+        if wrong:
+            raise ModelFormatError(f"{expected}, got {_described(wrong[0])}")
+    return np.array(table, dtype=np.float64).reshape(shape)
+
+
+def _is_number(value: object) -> bool:
+    return type(value) in (int, float) and abs(cast("float", value)) <= LARGEST  # not NaN, not true
+
+
+def _described(value: object) -> str:
+    """Say what came instead of something expected, in a few words whatever it is."""
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    if isinstance(value, dict):
+        return "an object"
+    return f"{json.dumps(value):.40}" if isinstance(value, str | float | None) else str(value)
+
+
+def _check_covariance(covariance: NDArray[np.float64]) -> None:
+    variances = np.diag(covariance)
+    if ((variances != 0) & (variances < SMALLEST)).any():
         raise ModelFormatError(
-            f'Expected finite numbers of shape {shape} in "{name}", got shape {numbers.shape}'
+            f'Expected variances of 0 or at least {SMALLEST:g} on the diagonal of "covariance", '
+            f"got {variances.min():g}"
         )
-    return numbers.astype(np.float64)
+    correlations, _ = correlation(covariance)
+    asymmetry = np.abs(correlations - correlations.T).max()
+    least = np.linalg.eigvalsh(correlations)[0]
+    if asymmetry > ROUNDING or least < -ROUNDING:
+        raise ModelFormatError(
+            'Expected a symmetric matrix without negative eigenvalues in "covariance", got an '
+            f"asymmetry of {asymmetry:.3g} and an eigenvalue of {least:.3g} of the variances"
+        )
 
 
 def _check_training(count: int, names: Sequence[str], max_features: int, order: int) -> None:
@@ -341,8 +373,9 @@ def _check_training(count: int, names: Sequence[str], max_features: int, order: 
         raise ValueError(f"Expected an order from 2 to {MAX_ORDER}, got {order}")
     if max_features < 1:
         raise ValueError(f"Expected at least one feature, got {max_features}")
-    if UNKNOWN in names:
-        raise ValueError(f'Expected labels other than "{UNKNOWN}"')
+    wrong = [name for name in names if not _is_label(name)]
+    if wrong:
+        raise ValueError(f'Expected printable labels other than "{UNKNOWN}", got {wrong[0]!r}')
     labels, counts = np.unique(names, return_counts=True)
     if len(labels) < 2 or counts.min() < 2:
         found = dict(zip(labels.tolist(), counts.tolist(), strict=True))

@@ -120,8 +120,8 @@ def walk_bands(
     areas = np.bincount(bands, weights=_areas(*points[triangles].transpose(1, 0, 2)))
     large = paths[0].counts * paths[1].counts > MAX_GRID
     doubtful = (areas > DOUBTFUL_AREA * expected) | _pinched(bands, rises)
-    redone = np.flatnonzero(doubtful & ~large).tolist()
-    best = [_least_band(points, *(path.path(band) for path in paths)) for band in redone]
+    redone = np.flatnonzero(doubtful & ~large)
+    best = [_least_band(points, *(path.path(int(band)) for path in paths)) for band in redone]
     kept = ~np.isin(bands, redone)
     triangles = np.concatenate([triangles[kept], *best])
     bands = np.concatenate([bands[kept], np.repeat(redone, [len(band) for band in best])])
