@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
-from sklearn.model_selection import StratifiedKFold
 
 from momrec_core.canonical import CanonicalShape, normalize
+from momrec_core.covariance import correlation, invert_covariance
 from momrec_core.errors import ModelFormatError
-from momrec_core.estimators import MinimumDistanceClassifier, StepwiseSelector, invert_covariance
 from momrec_core.features import feature_vectors, moment_indices
 
 if TYPE_CHECKING:
@@ -28,10 +27,10 @@ UNKNOWN = "unknown"  # the label of what is far from every class; no class may h
 FORMAT, VERSION = "momrec recognition model", 1
 MAX_FILE_BYTES = 16 * 2**20  # a model of a thousand classes has two megabytes
 MAX_ORDER = 5  # canonical shapes carry their moments up to it
-ALIGNING_ROUNDS = 10  # in which the instances of a class find their common frame
-FOLDS = 5  # of the cross-validation that the threshold is learned from
-KNOWN_QUANTILE = 0.99  # of the held-back distances lies below the threshold, before its margin
-THRESHOLD_MARGIN = 1.5  # on that quantile: a few instances do not show the rare ones
+LARGEST = 1e100  # of a number in a model file: its square is one
+SMALLEST = 1e-50  # of a variance or threshold in a model file, likewise
+ROUNDING = 1e-9  # of what decimal digits may leave of a covariance's symmetry
+FAR = 30.0  # thresholds: beyond it, scores are 0 to all digits that count
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,23 +133,20 @@ class RecognitionModel:
         their class's mean. The threshold is learned from the distances of instances that were
         held back, in turn, from selection, means and metric.
         """
+        from momrec_core.learning import learn  # noqa: PLC0415  # scikit-learn takes a second
+
         names = [str(label) for label in labels]
         _check_training(len(shapes), names, max_features, order)
         indices = moment_indices(order)
         candidates = [feature_vectors(_canonical(shape), indices) for shape in shapes]
-        y = np.array(names)
-        X = _aligned(candidates, y)
-        selector = StepwiseSelector(max_features).fit(X, y)
-        classifier = MinimumDistanceClassifier().fit(X[:, selector.selected_], y)
-        held_back = _held_back_distances(X, y, max_features)
-        quantile = float(np.quantile(held_back, KNOWN_QUANTILE))
+        learned = learn(candidates, names, indices, max_features)
         return cls(
-            classes=tuple(classifier.classes_.tolist()),
-            indices=tuple(indices[index] for index in selector.selected_),
-            means=classifier.means_,
-            covariance=classifier.covariance_,
-            threshold=THRESHOLD_MARGIN * max(quantile, np.finfo(np.float64).eps),
-            spread=float(np.sqrt(np.mean(held_back**2))),
+            classes=learned.classes,
+            indices=tuple(indices[index] for index in learned.selected),
+            means=learned.means,
+            covariance=learned.covariance,
+            threshold=learned.threshold,
+            spread=learned.spread,
         )
 
     def recognize(self, mesh_or_canonical: CanonicalShape | trimesh.Trimesh) -> Recognition:
@@ -187,17 +183,19 @@ class RecognitionModel:
             label=label if known else UNKNOWN,
             known=known,
             distance=distance,
-            score=score if known else 1.0 - 0.5 ** ((distance / self.threshold) ** 2),
+            score=score if known else 1.0 - float(self._nearness(distances.min())),
             ranking=ranking,
             canonical=canonical,
         )
 
     def _scores(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
-        spread = max(self.spread, np.finfo(np.float64).eps)
-        exponents = (distances**2 - distances.min() ** 2) / (2 * spread**2)
+        exponents = (distances**2 - distances.min() ** 2) / (2 * self.spread**2)
         shares = np.exp(-exponents)
-        near = 0.5 ** np.minimum((distances / self.threshold) ** 2, 1e3)
-        return np.asarray(shares / shares.sum() * near)
+        return np.asarray(shares / shares.sum() * self._nearness(distances))
+
+    def _nearness(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return 1 at a class's mean, 1/2 at the threshold, and less beyond."""
+        return np.asarray(0.5 ** (np.minimum(distances / self.threshold, FAR) ** 2))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model as JSON, whole or not at all.
@@ -280,30 +278,42 @@ def _readable(content: Mapping[str, Any]) -> str:
 def _from_content(content: object) -> RecognitionModel:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise ModelFormatError(f'Expected an object with "format": "{FORMAT}"')
-    if content.get("version") != VERSION:
-        raise ModelFormatError(
-            f"Expected version {VERSION} of the format, got {content.get('version')!r:.40}"
-        )
-    classes = content.get("classes")
-    if not isinstance(classes, list) or not all(isinstance(name, str) for name in classes):
-        raise ModelFormatError('Expected a list of labels in "classes"')
-    if len(set(classes)) != len(classes) or len(classes) < 2 or UNKNOWN in classes:
-        raise ModelFormatError(
-            f'Expected at least two different labels, none of them "{UNKNOWN}", in "classes"'
-        )
+    version = content.get("version")
+    if type(version) is not int or version != VERSION:
+        raise ModelFormatError(f'Expected "version": {VERSION}, got {_described(version)}')
+    classes = _labels(content.get("classes"))
     indices = _indices(content.get("moments"))
+    means = _numbers(content, "means", (len(classes), len(indices)))
     covariance = _numbers(content, "covariance", (len(indices), len(indices)))
-    if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance)[0] < -(
-        1e-9 * np.abs(covariance).max()
-    ):
-        raise ModelFormatError('Expected a symmetric matrix without negative "covariance"')
+    _check_covariance(covariance)
     threshold, spread = (float(_numbers(content, name, ())) for name in ("threshold", "spread"))
-    if threshold <= 0 or spread < 0:
+    if min(threshold, spread) < SMALLEST:
         raise ModelFormatError(
             f'Expected a positive "threshold" and "spread", got {threshold} and {spread}'
         )
-    means = _numbers(content, "means", (len(classes), len(indices)))
-    return RecognitionModel(tuple(classes), indices, means, covariance, threshold, spread)
+    return RecognitionModel(classes, indices, means, covariance, threshold, spread)
+
+
+def _labels(value: object) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(label, str) for label in value):
+        raise ModelFormatError('Expected a list of labels in "classes"')
+    labels: list[str] = value
+    wrong = [label for label in labels if not _is_label(label)]
+    if wrong:
+        raise ModelFormatError(
+            f'Expected printable labels other than "{UNKNOWN}" in "classes", '
+            f"got {_described(wrong[0])}"
+        )
+    if len(set(labels)) != len(labels) or len(labels) < 2:
+        raise ModelFormatError(
+            f'Expected two or more different labels in "classes", got {len(labels)} of which '
+            f"{len(set(labels))} differ"
+        )
+    return tuple(labels)
+
+
+def _is_label(text: str) -> bool:
+    return text != UNKNOWN and bool(text) and text.isprintable()
 
 
 def _indices(value: object) -> tuple[tuple[int, int, int], ...]:
@@ -384,38 +394,3 @@ def _check_training(count: int, names: Sequence[str], max_features: int, order: 
 
 def _canonical(shape: CanonicalShape | trimesh.Trimesh) -> CanonicalShape:
     return shape if isinstance(shape, CanonicalShape) else normalize(shape)
-
-
-def _aligned(candidates: Sequence[NDArray[np.float64]], y: NDArray[np.str_]) -> NDArray[np.float64]:
-    """Choose, for each instance, the admissible frame that brings it next to its class's mean."""
-    X = np.array([vectors[0] for vectors in candidates])
-    scale = X.std(axis=0)
-    scale[scale == 0] = 1.0
-    for label in np.unique(y):
-        members = np.flatnonzero(y == label).tolist()
-        mean = X[min(members, key=lambda member: len(candidates[member]))]
-        for _ in range(ALIGNING_ROUNDS):
-            before = X[members]
-            for member in members:
-                offsets = np.linalg.norm((candidates[member] - mean) / scale, axis=1)
-                X[member] = candidates[member][offsets.argmin()]
-            mean = X[members].mean(axis=0)
-            if (X[members] == before).all():
-                break
-    return X
-
-
-def _held_back_distances(
-    X: NDArray[np.float64], y: NDArray[np.str_], max_features: int
-) -> NDArray[np.float64]:
-    """Return each instance's distance from its class, learned without it."""
-    fewest = int(np.unique(y, return_counts=True)[1].min())
-    folds = StratifiedKFold(min(FOLDS, fewest), shuffle=True, random_state=0)
-    distances = np.empty(len(X))
-    for learned, held_back in folds.split(X, y):
-        chosen = StepwiseSelector(max_features).fit(X[learned], y[learned]).selected_
-        classifier = MinimumDistanceClassifier().fit(X[np.ix_(learned, chosen)], y[learned])
-        own = np.searchsorted(classifier.classes_, y[held_back])
-        to_all = classifier.distances(X[np.ix_(held_back, chosen)])
-        distances[held_back] = to_all[np.arange(len(own)), own]
-    return distances
