@@ -10,7 +10,7 @@ from sklearn.feature_selection import SelectorMixin
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from momrec_core.covariance import SINGULAR, invert_covariance
+from momrec_core.covariance import SINGULAR, distances_from_means, whitening
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -141,8 +141,8 @@ class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):  # type: ignore
         Mean of each class.
     covariance_ : array, shape (features, features)
         T, the covariance of all vectors about their common mean.
-    metric_ : array, shape (features, features)
-        Inverse of T.
+    whitening_ : array, shape (features, directions)
+        W with W W^T the inverse of T.
     regularized_ : bool
         Whether T was singular, so that the directions in which the vectors do not vary were
         left out of the metric.
@@ -178,16 +178,14 @@ class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):  # type: ignore
             [vectors[classes == index].mean(axis=0) for index in np.unique(classes)]
         )
         self.covariance_ = np.atleast_2d(np.cov(vectors.T, bias=True))
-        self.metric_, self.regularized_ = invert_covariance(self.covariance_)
+        self.whitening_, self.regularized_ = whitening(self.covariance_)
         return self
 
     def distances(self, X: ArrayLike) -> NDArray[np.float64]:
         """Return the distance of each vector from each class's mean; shape (n, classes)."""
         check_is_fitted(self)
         vectors = validate_data(self, X, reset=False, dtype=np.float64)
-        offsets = vectors[:, None, :] - self.means_[None, :, :]
-        squares = np.einsum("ncf,fg,ncg->nc", offsets, self.metric_, offsets)
-        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+        return distances_from_means(vectors, self.means_, self.whitening_)
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
         """Return the label of each vector; shape (n,)."""

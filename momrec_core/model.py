@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self, cast
 import numpy as np
 
 from momrec_core.canonical import CanonicalShape, normalize
-from momrec_core.covariance import correlation, invert_covariance
+from momrec_core.covariance import correlation, distances_from_means, whitening
 from momrec_core.errors import ModelFormatError
 from momrec_core.features import feature_vectors, moment_indices
 
@@ -89,10 +89,10 @@ class RecognitionModel:
     covariance: NDArray[np.float64]
     threshold: float
     spread: float
-    _metric: NDArray[np.float64] = field(init=False, repr=False)
+    _whitening: NDArray[np.float64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_metric", invert_covariance(self.covariance)[0])
+        object.__setattr__(self, "_whitening", whitening(self.covariance)[0])
 
     @classmethod
     def fit(
@@ -169,9 +169,7 @@ class RecognitionModel:
         """
         canonical = _canonical(mesh_or_canonical)
         vectors = feature_vectors(canonical, list(self.indices))
-        offsets = vectors[:, None, :] - self.means[None, :, :]
-        squares = np.einsum("acf,fg,acg->ac", offsets, self._metric, offsets)
-        distances = np.sqrt(np.maximum(squares.min(axis=0), 0.0))
+        distances = distances_from_means(vectors, self.means, self._whitening).min(axis=0)
         scores = self._scores(distances)
         ranking = tuple(
             (self.classes[index], float(distances[index]), float(scores[index]))
@@ -356,7 +354,7 @@ def _described(value: object) -> str:
         return f"a list of {len(value)}"
     if isinstance(value, dict):
         return "an object"
-    return f"{json.dumps(value):.40}" if isinstance(value, str | float | None) else str(value)
+    return f"{json.dumps(value):.40}"
 
 
 def _check_covariance(covariance: NDArray[np.float64]) -> None:
