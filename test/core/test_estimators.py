@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from fractions import Fraction
+from itertools import combinations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import eigh
 from scipy.spatial.distance import cdist
 from sklearn.pipeline import make_pipeline
 from sklearn.utils.estimator_checks import check_estimator
@@ -16,6 +18,8 @@ from sklearn.utils.estimator_checks import check_estimator
 from momrec_core import MinimumDistanceClassifier, StepwiseSelector
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sklearn.base import BaseEstimator
 
 seeds = st.integers(0, 2**32 - 1)
@@ -29,18 +33,77 @@ def classes_of_points(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]
 
 
 def criterion(X: np.ndarray, y: np.ndarray) -> float:
-    """Return trace(T^-1 B) = features - trace(T^-1 W), by the scatter within classes."""
+    """Return trace(T^-1 B) as the sum of the generalised eigenvalues of B x = l T x."""
+    X = X / X.std(axis=0)
     within = sum(np.cov(X[y == c].T, bias=True) * np.mean(y == c) for c in np.unique(y))
     total = np.atleast_2d(np.cov(X.T, bias=True))
-    return X.shape[1] - float(np.trace(np.linalg.inv(total) @ np.atleast_2d(within)))
+    return float(eigh(total - np.atleast_2d(within), total, eigvals_only=True).sum())
 
 
-@pytest.mark.parametrize(
-    "estimator", [StepwiseSelector(), MinimumDistanceClassifier()], ids=["selector", "classifier"]
-)
-@pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
+def exact_criterion(X: list[list[int]], y: list[int]) -> Fraction | None:
+    """Return trace(T^-1 B) in rational arithmetic, by Cramer's rule; None if T is singular."""
+    n, size = len(X), len(X[0])
+    features = range(size)
+    mean = [Fraction(sum(row[f] for row in X), n) for f in features]
+    total = [
+        [sum((r[f] - mean[f]) * (r[g] - mean[g]) for r in X) for g in features] for f in features
+    ]
+    between = [[Fraction(0)] * size for _ in features]
+    for c in set(y):
+        rows = [row for row, label in zip(X, y, strict=True) if label == c]
+        off = [Fraction(sum(row[f] for row in rows), len(rows)) - mean[f] for f in features]
+        for f, g in product(features, features):
+            between[f][g] += len(rows) * off[f] * off[g]
+    whole = determinant(total)
+    if whole == 0:
+        return None
+    trace = Fraction(0)
+    for f in features:  # T x = (column f of B): x_f by Cramer
+        replaced = [[between[g][f] if h == f else total[g][h] for h in features] for g in features]
+        trace += determinant(replaced) / whole
+    return trace
+
+
+def determinant(matrix: list[list[Fraction]]) -> Fraction:
+    if not matrix:
+        return Fraction(1)
+    first, *rest = matrix
+    minors = ([row[:k] + row[k + 1 :] for row in rest] for k in range(len(first)))
+    return sum(
+        ((-1) ** k * first[k] * determinant(minor) for k, minor in enumerate(minors)), Fraction(0)
+    )
+
+
+@pytest.mark.parametrize("estimator", [StepwiseSelector(), MinimumDistanceClassifier()], ids=type)
 def test_scikit_learn_accepts_the_estimators(estimator: BaseEstimator) -> None:
-    check_estimator(estimator)
+    results = check_estimator(estimator, on_skip=None, on_fail="raise")
+    passed = {result["check_name"] for result in results if result["status"] == "passed"}
+    needs_other_arrays = {"check_array_api_input", "check_classifier_data_not_an_array"}
+    assert {result["check_name"] for result in results} - passed <= needs_other_arrays
+    assert len(passed) > 30
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    rows=st.lists(st.lists(st.integers(-4, 4), min_size=4, max_size=4), min_size=5, max_size=9),
+    data=st.data(),
+)
+def test_each_step_is_the_best_one_in_rational_arithmetic(
+    rows: list[list[int]], data: st.DataObject
+) -> None:
+    y = data.draw(st.lists(st.integers(0, 2), min_size=len(rows), max_size=len(rows)))
+    selector = StepwiseSelector(max_features=4).fit(np.array(rows, dtype=float), y)
+    chosen: list[int] = []
+    for feature, trace in zip(selector.selected_, selector.traces_, strict=True):
+        columns = [[*chosen, index] for index in range(4) if index not in chosen]
+        values = [exact_criterion([[row[k] for k in ks] for row in rows], y) for ks in columns]
+        best = max((value for value in values if value is not None), default=Fraction(0))
+        chosen.append(int(feature))
+        own = exact_criterion([[row[k] for k in chosen] for row in rows], y) or Fraction(0)
+        assert trace == pytest.approx(float(best), abs=1e-9)
+        assert float(own) == pytest.approx(float(best), abs=1e-9)
+    rest = [[*chosen, index] for index in range(4) if index not in chosen]
+    assert all(exact_criterion([[row[k] for k in ks] for row in rows], y) is None for ks in rest)
 
 
 @settings(max_examples=25, deadline=None)
@@ -117,6 +180,39 @@ def test_one_instance_a_class_is_enough_for_the_nearest_one() -> None:
     assert "".join(classifier.predict(X + 1e-6)) == "abcd"
     distances = [classifier.distances(X)[i, j] for i, j in combinations(range(4), 2)]
     np.testing.assert_allclose(distances, np.sqrt(8.0))  # a simplex, in the metric of its own T
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds, samples=st.integers(2, 6))
+def test_fewer_samples_than_features_are_told_and_cost_nothing(seed: int, samples: int) -> None:
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(samples, 8)) * 10.0 ** rng.uniform(-6, 6, 8)
+    y = np.arange(samples) % 2
+    selector = StepwiseSelector(max_features=8).fit(X, y)
+    assert len(selector.selected_) == samples - 1  # so many directions, at most, vary
+    classifier = MinimumDistanceClassifier().fit(X, y)
+    assert classifier.regularized_
+    assert classifier.whitening_.shape == (8, samples - 1)
+    assert np.isfinite(classifier.distances(X)).all()
+    assert classifier.score(X, y) == 1.0
+
+
+@pytest.mark.parametrize("value", [0.0, 7.0, 1e300, 1e-300])
+def test_features_that_are_all_constant_leave_every_class_as_near(value: float) -> None:
+    X, y = np.full((6, 3), value), [0, 0, 0, 1, 1, 1]
+    selector = StepwiseSelector().fit(X, y)
+    assert selector.selected_.tolist() == [0]
+    assert selector.traces_.tolist() == [0.0]
+    classifier = MinimumDistanceClassifier().fit(X, y)
+    assert classifier.regularized_
+    assert (classifier.distances(X) == 0.0).all()
+
+
+def test_the_inverse_of_the_covariance_is_the_whitening_times_itself() -> None:
+    X, y = classes_of_points(np.random.default_rng(12))
+    classifier = MinimumDistanceClassifier().fit(X / X.std(axis=0), y)
+    inverse = classifier.whitening_ @ classifier.whitening_.T
+    np.testing.assert_allclose(inverse @ classifier.covariance_, np.eye(6), atol=1e-8)
 
 
 def test_selector_and_classifier_work_in_a_pipeline() -> None:
