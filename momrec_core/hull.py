@@ -38,8 +38,9 @@ SPARSE_SHARE = 0.34  # of the planes that still meet the hull, below which that 
 SEARCH_ROUNDS, SEARCH_PLANES = 4, 4  # the hull's ends are found to 1 / 5^4 of a spacing
 SEARCH_DENSITY = 32  # planes per spacing where a hull may hide between two planes
 END_INSET = 1e-3  # of the spacing: how far inside its ends the hull is cut for its caps
-DOUBTFUL_VOLUME = 3e-5  # of the hull's: what a slab with an event or a ledge may leave open
+DOUBTFUL_VOLUME = 1e-5  # of the hull's: what a slab with an event or a ledge may leave open
 EVENT_DEPTH = 8  # halvings of such a slab at the most
+MAX_LAYERS = 5  # times the slices: where everything changes everywhere, the worst comes first
 MARGIN = 0.25  # of the sections' box: what the hull may stick out between two planes
 
 
@@ -291,12 +292,14 @@ class VisualHull:
         doubtful = DOUBTFUL_VOLUME * family.spacing * sum(layer.area for layer in layers)
         open_slabs = list(pairwise(layers))
         for _ in range(EVENT_DEPTH):
-            slabs = zip(open_slabs, match_layers(open_slabs, largest), strict=True)
-            open_slabs = [
-                (below, above)
-                for (below, above), slab in slabs
-                if slab.doubt * (above.offset - below.offset) > doubtful
+            doubts = [
+                slab.doubt * (above.offset - below.offset)
+                for (below, above), slab in zip(
+                    open_slabs, match_layers(open_slabs, largest), strict=True
+                )
             ]
+            worst = np.argsort(doubts)[::-1][: MAX_LAYERS * self._count - len(layers)]
+            open_slabs = [open_slabs[index] for index in worst if doubts[index] > doubtful]
             if not open_slabs:
                 break
             middles = np.array([(below.offset + above.offset) / 2 for below, above in open_slabs])

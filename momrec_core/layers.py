@@ -155,13 +155,10 @@ def _slab_of_ledge(below: Layer, above: Layer, largest: float) -> Slab:
 
 
 def _unshared_area(pieces: NDArray[np.object_], areas: NDArray[np.float64], below: int) -> float:
-    """Return the area of what the largest pieces of both sides do not account for."""
-    if not 0 < below < len(pieces):
-        return float(areas.sum())
-    holes = [Polygon(piece.exterior).area - area for piece, area in zip(pieces, areas, strict=True)]
-    minor = areas.sum() - areas[:below].max() - areas[below:].max()
-    step = abs(areas[:below].sum() - areas[below:].sum())
-    return float(minor + step + abs(sum(holes[:below]) - sum(holes[below:])))
+    """Return the area that is in pieces below and not in those above, or the other way."""
+    lower, upper = np.indices((below, len(pieces) - below)).reshape(2, -1)
+    common = shapely.intersection(pieces[lower], pieces[below + upper], grid_size=CLEANING)
+    return float(areas.sum() - 2 * shapely.area(common).sum())
 
 
 def _meeting(
