@@ -18,7 +18,6 @@ from sklearn.utils.estimator_checks import check_estimator
 from momrec_core import MinimumDistanceClassifier, StepwiseSelector
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
 
     from sklearn.base import BaseEstimator
 
