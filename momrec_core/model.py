@@ -275,7 +275,10 @@ def _readable(content: Mapping[str, Any]) -> str:
 
 def _from_content(content: object) -> RecognitionModel:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise ModelFormatError(f'Expected an object with "format": "{FORMAT}"')
+        came = content.get("format") if isinstance(content, dict) else content
+        raise ModelFormatError(
+            f'Expected an object with "format": "{FORMAT}", got {_described(came)}'
+        )
     version = content.get("version")
     if type(version) is not int or version != VERSION:
         raise ModelFormatError(f'Expected "version": {VERSION}, got {_described(version)}')
@@ -294,7 +297,7 @@ def _from_content(content: object) -> RecognitionModel:
 
 def _labels(value: object) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(label, str) for label in value):
-        raise ModelFormatError('Expected a list of labels in "classes"')
+        raise ModelFormatError(f'Expected a list of labels in "classes", got {_described(value)}')
     labels: list[str] = value
     wrong = [label for label in labels if not _is_label(label)]
     if wrong:
@@ -315,15 +318,19 @@ def _is_label(text: str) -> bool:
 
 
 def _indices(value: object) -> tuple[tuple[int, int, int], ...]:
-    known = moment_indices(MAX_ORDER)
-    rows = value if isinstance(value, list) else []
-    whole = all(isinstance(row, list) and all(type(power) is int for power in row) for row in rows)
-    indices = [tuple(row) for row in rows] if whole else []
-    if not indices or len(set(indices)) != len(indices) or not set(indices) <= set(known):
-        raise ModelFormatError(
-            f'Expected different triples i, j, k of order 2 to {MAX_ORDER} in "moments"'
-        )
-    return tuple((index[0], index[1], index[2]) for index in indices)
+    expected = f'Expected different triples i, j, k of orders up to {MAX_ORDER} in "moments"'
+    if not isinstance(value, list) or not value:
+        raise ModelFormatError(f"{expected}, got {_described(value)}")
+    named = {json.dumps(index): index for index in moment_indices(MAX_ORDER)}  # 2.0 is not 2
+    indices = []
+    for row in value:
+        index = named.pop(_described(row), None)
+        if index is None:
+            raise ModelFormatError(
+                f"{expected}, got {_described(row)}, which is none, is constant or is there twice"
+            )
+        indices.append(index)
+    return tuple(indices)
 
 
 def _numbers(
@@ -332,7 +339,8 @@ def _numbers(
     value = content.get(name)
     table = value if shape else [[value]]
     rows, columns = shape or (1, 1)
-    expected = f'Expected {rows} x {columns} numbers up to {LARGEST:g} in "{name}"'
+    count = f"{rows} x {columns} numbers" if shape else "a number"
+    expected = f'Expected {count} up to {LARGEST:g} in "{name}"'
     if not isinstance(table, list) or len(table) != rows:
         raise ModelFormatError(f"{expected}, got {_described(table)}")
     for row in table:
@@ -350,11 +358,15 @@ def _is_number(value: object) -> bool:
 
 def _described(value: object) -> str:
     """Say what came instead of something expected, in a few words whatever it is."""
-    if isinstance(value, list):
+    if isinstance(value, list) and (len(value) > 3 or any(map(_is_nested, value))):
         return f"a list of {len(value)}"
     if isinstance(value, dict):
         return "an object"
     return f"{json.dumps(value):.40}"
+
+
+def _is_nested(value: object) -> bool:
+    return isinstance(value, list | dict)
 
 
 def _check_covariance(covariance: NDArray[np.float64]) -> None:
