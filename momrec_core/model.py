@@ -47,8 +47,8 @@ class Recognition:
         To the nearest class's mean, in the metric of the total covariance.
     score : float
         How sure the label is, 0 to 1: the nearest class's share among all, by the spread of
-        held-back instances; halved at the threshold beyond which objects are unknown. For
-        ``unknown``, one less that.
+        held-back instances, times what falls from 1 at the class's mean to 1/2 at the threshold.
+        For ``unknown``, it rises from 1/2 at the threshold to 1 far away.
     ranking : tuple of (label, distance, score)
         All classes, nearest first.
     canonical : CanonicalShape
