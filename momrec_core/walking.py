@@ -10,8 +10,9 @@ from scipy.spatial.distance import cdist
 
 __all__ = ["Bands", "walk_bands"]
 
-DOUBTFUL_AREA = 1.1  # times what the contours explain: bands above are worth the second look
-POOR_AREA = 1.8  # times the same: bands above do not follow their contours' surface
+VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
+DOUBTFUL_MISFIT = 0.15  # bands above are worth the second look
+POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
 MAX_GRID = 4_000_000  # cells: bands above keep the greedy walk, so that memory is bounded
 
 
@@ -42,21 +43,6 @@ class _Paths:
         first = np.concatenate([[0], np.cumsum(counts + 2)[:-1]])
         return cls(np.concatenate(pieces), first, counts)
 
-    def path(self, band: int) -> NDArray[np.int64]:
-        """Return the vertices along one contour, the first one again at the end."""
-        return self.vertices[self.first[band] : self.first[band] + self.counts[band] + 1]
-
-    def measures(
-        self, plane: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the length of each contour and the signed area that it encloses."""
-        start, end = plane[self.vertices[:-1]], plane[self.vertices[1:]]
-        lengths = np.hypot(*(end - start).T)
-        areas = (start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]) / 2
-        running = np.concatenate([np.zeros((2, 1)), np.cumsum([lengths, areas], axis=1)], axis=1)
-        length, area = running[:, self.first + self.counts] - running[:, self.first]
-        return length, area
-
 
 @dataclass(frozen=True, eq=False)
 class Bands:
@@ -70,7 +56,7 @@ class Bands:
     bands : array of int, shape (m,)
         The pair of contours that each triangle is of.
     is_poor : array of bool, shape (pairs,)
-        Where the best band is still much larger than its contours explain.
+        Where even the best band is far from what its contours suggest.
     """
 
     triangles: NDArray[np.int64]
@@ -100,9 +86,11 @@ def walk_bands(
     Notes
     -----
     From the nearest pair of vertices, the walk takes the shorter of the two diagonals, all bands
-    in step (Christiansen and Sederberg). Where the band comes out larger than its contours'
-    lengths, distance and difference in area explain, the greedy walk has crossed a notch or a
-    spike; there the band of the least area is found by dynamic programming (Fuchs et al.).
+    in step (Christiansen and Sederberg). Where a band's area or volume is far from what its
+    contours suggest, the greedy walk has crossed a notch or a spike, or the contours slide
+    against each other; there the band of the least area is found by dynamic programming (Fuchs
+    et al.), for the contours as they lie and with their centroids upon each other, and the one
+    that fits best is kept.
 
     References
     ----------
@@ -113,31 +101,131 @@ def walk_bands(
     if not below:
         none = np.empty(0, dtype=np.int64)
         return Bands(none.reshape(0, 3), none, none.astype(bool))
-    starts = _nearest_starts(points, below, above)
+    starts = np.array(
+        [_nearest(points[low], points[high]) for low, high in zip(below, above, strict=True)]
+    )
     paths = _Paths.unroll(below, starts[:, 0]), _Paths.unroll(above, starts[:, 1])
     triangles, bands, rises = _walk(points[:, :2], *paths)
-    expected = _least_areas(points, *paths)
-    areas = np.bincount(bands, weights=_areas(*points[triangles].transpose(1, 0, 2)))
+    expected = _expectations(points, below, above)
+    misfits = _misfits(points[triangles], bands, expected)
     large = paths[0].counts * paths[1].counts > MAX_GRID
-    doubtful = (areas > DOUBTFUL_AREA * expected) | _pinched(bands, rises)
-    redone = np.flatnonzero(doubtful & ~large)
-    best = [_least_band(points, *(path.path(int(band)) for path in paths)) for band in redone]
-    kept = ~np.isin(bands, redone)
-    triangles = np.concatenate([triangles[kept], *best])
-    bands = np.concatenate([bands[kept], np.repeat(redone, [len(band) for band in best])])
-    areas = np.bincount(bands, weights=_areas(*points[triangles].transpose(1, 0, 2)))
-    return Bands(triangles, bands, areas > POOR_AREA * expected)
+    doubtful = (misfits > DOUBTFUL_MISFIT) | _pinched(bands, rises)
+    parts, numbers = [], []
+    for band in np.flatnonzero(doubtful & ~large):
+        best, misfits[band] = _best_band(points, below[band], above[band], expected[band])
+        parts.append(best)
+        numbers.append(np.full(len(best), band))
+    kept = ~np.isin(bands, np.flatnonzero(doubtful & ~large))
+    return Bands(
+        np.concatenate([triangles[kept], *parts]),
+        np.concatenate([bands[kept], *numbers]),
+        misfits > POOR_MISFIT,
+    )
 
 
-def _nearest_starts(
+@dataclass(frozen=True)
+class _Expectation:
+    """What two contours and their distance suggest of the band between them.
+
+    Attributes
+    ----------
+    area : float
+        Of the band, were one contour the other's image, shifted and scaled.
+    volume : float
+        Between the contours, likewise; negative for holes.
+    base : float
+        What the caps contribute to the volume, see `_misfits`.
+    shift : array, shape (2,)
+        From the centroid below to the one above.
+    """
+
+    area: float
+    volume: float
+    base: float
+    shift: NDArray[np.float64]
+
+
+def _expectations(
     points: NDArray[np.float64], below: list[NDArray[np.int64]], above: list[NDArray[np.int64]]
-) -> NDArray[np.int64]:
-    """Return where in each pair of contours the nearest vertices are; shape (bands, 2)."""
-    nearest = [
-        divmod(int(np.argmin(cdist(points[low, :2], points[high, :2], "sqeuclidean"))), len(high))
-        for low, high in zip(below, above, strict=True)
-    ]
-    return np.array(nearest)
+) -> list[_Expectation]:
+    measures = {}
+    for contour in (*below, *above):
+        if id(contour) not in measures:
+            measures[id(contour)] = _measure(points[contour, :2])
+    expected = []
+    for low, high in zip(below, above, strict=True):
+        (edges1, area1, centroid1), (edges2, area2, centroid2) = (
+            measures[id(contour)] for contour in (low, high)
+        )
+        bottom, top = points[low[0], 2], points[high[0], 2]
+        shift = centroid2 - centroid1
+        sheared = [
+            np.hypot((top - bottom) * np.hypot(*edges.T), edges @ (-shift[1], shift[0])).sum()
+            for edges in (edges1, edges2)
+        ]
+        volume = (top - bottom) * (area1 + area2 + np.sign(area1) * np.sqrt(area1 * area2)) / 3
+        area = np.hypot(sum(sheared) / 2, area2 - area1)
+        expected.append(_Expectation(area, volume, top * area2 - bottom * area1, shift))
+    return expected
+
+
+def _measure(
+    contour: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+    """Return the edges of a contour, its signed area and its centroid."""
+    middle = contour.mean(axis=0)
+    starts = contour - middle
+    ends = np.roll(starts, -1, axis=0)
+    crosses = starts[:, 0] * ends[:, 1] - starts[:, 1] * ends[:, 0]
+    area = crosses.sum() / 2
+    return ends - starts, area, middle + crosses @ (starts + ends) / (6 * area)
+
+
+def _misfits(
+    corners: NDArray[np.float64], bands: NDArray[np.int64], expected: list[_Expectation]
+) -> NDArray[np.float64]:
+    """Return, per band, how much area and volume exceed or miss what is expected, relatively.
+
+    The volume is the flux of (0, 0, z) through the band and the caps at both ends.
+    """
+    first, second, third = corners.transpose(1, 0, 2)
+    normals = np.cross(second - first, third - first) / 2
+    areas = np.bincount(bands, weights=np.linalg.norm(normals, axis=1))
+    fluxes = np.bincount(bands, weights=corners[:, :, 2].mean(axis=1) * normals[:, 2])
+    area, volume, base = np.array([(it.area, it.volume, it.base) for it in expected]).T
+    excess = np.maximum(areas / area - 1, 0.0)
+    return np.asarray(excess + VOLUME_WEIGHT * np.abs((fluxes + base) / volume - 1))
+
+
+def _best_band(
+    points: NDArray[np.float64],
+    below: NDArray[np.int64],
+    above: NDArray[np.int64],
+    expected: _Expectation,
+) -> tuple[NDArray[np.int64], float]:
+    """Return the best of the least bands between two contours, and its misfit."""
+    candidates = []
+    for shift in (np.zeros(2), expected.shift):
+        back = np.append(shift, 0.0)
+        row, column = _nearest(points[below], points[above] - back)
+        low, high = (np.roll(below, -row), np.roll(above, -column))
+        low, high = np.append(low, low[0]), np.append(high, high[0])
+        steps = _least_steps(points[low], points[high] - back)
+        rows = np.concatenate([[0], np.cumsum(steps)])
+        columns = np.arange(len(rows)) - rows
+        third = np.where(steps, low[rows[1:]], high[columns[1:]])
+        candidates.append(np.column_stack([low[rows[:-1]], third, high[columns[:-1]]]))
+    single = np.zeros(len(below) + len(above), dtype=np.int64)
+    misfits = [_misfits(points[it], single, [expected])[0] for it in candidates]
+    best = int(np.argmin(misfits))
+    return candidates[best], float(misfits[best])
+
+
+def _nearest(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[int, int]:
+    """Return where in two contours the vertices are that lie nearest to each other."""
+    distances = cdist(low[:, :2], high[:, :2], "sqeuclidean")
+    row, column = divmod(int(np.argmin(distances)), len(high))
+    return row, column
 
 
 def _walk(
@@ -175,40 +263,24 @@ def _pinched(bands: NDArray[np.int64], rises: NDArray[np.bool_]) -> NDArray[np.b
     return np.asarray(np.bincount(sorted_bands, weights=sorted_rises & ~following) == 1)
 
 
-def _areas(
-    first: NDArray[np.float64], second: NDArray[np.float64], third: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the areas of triangles given by their corners, shape (..., 3) each."""
-    return np.asarray(np.linalg.norm(np.cross(second - first, third - first), axis=-1) / 2)
-
-
-def _least_areas(points: NDArray[np.float64], low: _Paths, high: _Paths) -> NDArray[np.float64]:
-    """Estimate each band's area from its height and the contours' lengths and enclosed areas."""
-    (length1, area1), (length2, area2) = (path.measures(points[:, :2]) for path in (low, high))
-    heights = points[high.vertices[high.first], 2] - points[low.vertices[low.first], 2]
-    return np.asarray(np.hypot(heights * (length1 + length2) / 2, area2 - area1))
-
-
-def _least_band(
-    points: NDArray[np.float64], below: NDArray[np.int64], above: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return the band of the least area between two closed paths that start side by side.
+def _least_steps(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Find the band of the least area between two closed paths that start side by side.
 
     Row i, column j of the table is the least area up to step i below and j above. A row follows
     from the one before at once, as the least of all ways to step up and then along.
+
+    Returns
+    -------
+    steps : array of bool, shape (m,)
+        True for a step along the path below, False for one above.
     """
-    low, high = points[below], points[above]
     rises = _areas_over_edges(low, high)
     runs = _areas_over_edges(high, low).T
     along = np.concatenate([np.zeros((len(low), 1)), np.cumsum(runs, axis=1)], axis=1)
     least = along.copy()
     for row in range(1, len(low)):
         least[row] += np.minimum.accumulate(least[row - 1] + rises[row - 1] - along[row])
-    steps = _unpinched(_backtrack(least, rises, runs))
-    rows = np.concatenate([[0], np.cumsum(steps)])
-    columns = np.arange(len(rows)) - rows
-    third = np.where(steps, below[rows[1:]], above[columns[1:]])
-    return np.column_stack([below[rows[:-1]], third, above[columns[:-1]]])
+    return _unpinched(_backtrack(least, rises, runs))
 
 
 def _areas_over_edges(
