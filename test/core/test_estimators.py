@@ -18,7 +18,6 @@ from sklearn.utils.estimator_checks import check_estimator
 from momrec_core import MinimumDistanceClassifier, StepwiseSelector
 
 if TYPE_CHECKING:
-
     from sklearn.base import BaseEstimator
 
 seeds = st.integers(0, 2**32 - 1)
