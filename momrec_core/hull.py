@@ -12,7 +12,12 @@ from manifold3d import CrossSection
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 
-from momrec_core.errors import EmptyHullError, InvalidContourError, NoCommonLineError
+from momrec_core.errors import (
+    DegenerateShapeError,
+    EmptyHullError,
+    InvalidContourError,
+    NoCommonLineError,
+)
 from momrec_core.layers import (
     Layer,
     match_layers,
@@ -72,9 +77,9 @@ class VisualHull:
     """
 
     def __init__(self, slices: int = 64) -> None:
-        if slices < 2:
-            raise ValueError(f"Expected at least 2 slices, got {slices}")
-        self._count = slices
+        if not isinstance(slices, int | np.integer) or slices < 2:
+            raise ValueError(f"Expected a whole number of at least 2 slices, got {slices!r}")
+        self._count = int(slices)
         self.views: list[View] = []
         self.emptied_by: int | None = None
         self._pair: tuple[int, int] | None = None
@@ -132,17 +137,20 @@ class VisualHull:
                 self._sections = [CrossSection()] * self._count
                 return
             self._sections = self._cut(self._family, self._family.offsets)
-            self._after_clipping(self._sections)
+            self._after_clipping(None)
             return
 
-    def _after_clipping(self, before: list[CrossSection]) -> None:
-        """Keep enough planes on a hull that has become small, and notice when it is gone."""
+    def _after_clipping(self, before: list[CrossSection] | None) -> None:
+        """Keep enough planes on a hull that has become small, and notice when it is gone.
+
+        The hull was where the sections before met it; without them, it may be anywhere.
+        """
         occupied = _occupied(self._sections)
         if len(occupied) >= SPARSE_SHARE * self._count:
             return
         if len(occupied) == 0:
-            previous = _occupied(before)
-            if len(previous) == 0 or not self._search_between(previous):
+            planes = np.arange(self._count) if before is None else _occupied(before)
+            if not self._search_between(planes):
                 self.emptied_by = len(self.views) - 1
                 return
         self._fit()
@@ -265,6 +273,8 @@ class VisualHull:
             If all views so far are from the same or the opposite side.
         EmptyHullError
             If the viewing volumes have no point in common; names the view that emptied it.
+        DegenerateShapeError
+            If the hull is too thin and slanted for its number of slices.
         """
         family = self._settle()
         if self.emptied_by is not None:
@@ -273,7 +283,13 @@ class VisualHull:
                 f"{self.emptied_by} (counting from 0) leaves nothing of the {self.emptied_by} "
                 "before it"
             )
-        vertices, faces = tile(self._layers(family))
+        layers = self._layers(family)
+        if not any(layer.pieces for layer in layers):
+            raise DegenerateShapeError(
+                f"Expected a hull thick enough for {self._count} slices, got one so thin and "
+                "slanted that no two of them overlap; more slices may help"
+            )
+        vertices, faces = tile(layers)
         return trimesh.Trimesh(family.to_world(vertices), faces, process=False)
 
     def _layers(self, family: PlaneFamily) -> list[Layer]:

@@ -13,6 +13,7 @@ from manifold3d import CrossSection
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 from shapely import MultiPolygon, Polygon
 
 __all__ = [
@@ -25,9 +26,11 @@ __all__ = [
     "without_needless",
 ]
 
-CLEANING = 1e-6  # units: vertices that stand out less are rounding, not shape
+CLEANING = 1e-3  # units: vertices that stand out less are rounding, not shape; float32 keeps it
 MIN_AREA_RATIO = 0.4  # of two matching pieces, below which one contour is no image of the other
 MAX_AREA_RATIO = 1 / MIN_AREA_RATIO
+STEEPEST = 20.0  # shift over height of a slanted body that is followed between layers: 87 degrees
+FEW_PAIRS = 64  # of pieces: above, a tree of boxes finds candidates faster than trying all
 LEDGE = 0.1  # of the largest section: a change in area between adjacent layers worth locating
 
 
@@ -68,7 +71,8 @@ def _pieces(section: CrossSection) -> list[Polygon]:
     if section.is_empty():
         return []
     parts = [section] if section.num_contour() == 1 else section.decompose()
-    return [_polygon(part.to_polygons()) for part in parts]
+    rings = [[ring for ring in part.to_polygons() if len(ring) > 2] for part in parts]
+    return [_polygon(part) for part in rings if part]
 
 
 def _polygon(rings: Sequence[NDArray[np.float64]]) -> Polygon:
@@ -127,14 +131,15 @@ def match_layers(pairs: Sequence[tuple[Layer, Layer]], largest: float = np.inf) 
     pieces = np.concatenate([layer.prepared for pair in pairs for layer in pair])
     first = np.concatenate([[0], np.cumsum(counts)])
     candidates = [
-        np.indices((below, above)).reshape(2, -1).T + first[[2 * slab, 2 * slab + 1]]
-        for slab, (below, above) in enumerate(counts)
+        _boxes_that_meet(*(layer.prepared for layer in pair)) + first[[2 * slab, 2 * slab + 1]]
+        for slab, pair in enumerate(pairs)
     ]
     lower, upper = _meeting(pieces, np.concatenate(candidates))
     graph = coo_array((np.ones(len(lower)), (lower, upper)), shape=(len(pieces), len(pieces)))
     _, labels = connected_components(graph, directed=False)
     order = np.argsort(labels, kind="stable")
     slab_of = np.repeat(np.arange(len(pairs)), counts.sum(axis=1))
+    groups = []
     for members in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
         slab = int(slab_of[members[0]])
         begin, middle = first[2 * slab], first[2 * slab + 1]
@@ -145,8 +150,47 @@ def match_layers(pairs: Sequence[tuple[Layer, Layer]], largest: float = np.inf) 
             slabs[slab].pairs.append((int(low[0]), int(high[0])))
         else:
             slabs[slab].knots.append((low.tolist(), high.tolist()))
-            slabs[slab].doubt += _unshared_area(pieces[members], areas, len(low))
+            groups.append((slab, begin + low, middle + high))
+    _doubt_groups(slabs, pieces, groups)
+    for slab, (below, above) in zip(slabs, pairs, strict=True):
+        _bridge(slab, below, above)
     return slabs
+
+
+def _boxes_that_meet(below: NDArray[np.object_], above: NDArray[np.object_]) -> NDArray[np.int64]:
+    """Return candidates for an overlap, as index pairs, shape (n, 2)."""
+    if len(below) * len(above) <= FEW_PAIRS:
+        return np.indices((len(below), len(above))).reshape(2, -1).T
+    return np.asarray(shapely.STRtree(above).query(below)).T
+
+
+def _bridge(slab: Slab, below: Layer, above: Layer) -> None:
+    """Pair pieces that overlap none but lie where a slanted body would have moved from the other.
+
+    Each is the other's nearest, of similar size and without holes.
+    """
+    ends = [low[0] for low, high in slab.knots if not high]
+    begins = [high[0] for low, high in slab.knots if not low]
+    if not ends or not begins:
+        return
+    lows = [below.pieces[index] for index in ends]
+    highs = [above.pieces[index] for index in begins]
+    distances = cdist(
+        shapely.get_coordinates(shapely.centroid(lows)),
+        shapely.get_coordinates(shapely.centroid(highs)),
+    )
+    reach = STEEPEST * (above.offset - below.offset)
+    for row, column in enumerate(distances.argmin(axis=1)):
+        ratio = lows[row].area / highs[column].area
+        if (
+            distances[:, column].argmin() == row
+            and distances[row, column] < reach
+            and MIN_AREA_RATIO < ratio < MAX_AREA_RATIO
+            and not (lows[row].interiors or highs[column].interiors)
+        ):
+            slab.knots.remove(([ends[row]], []))
+            slab.knots.remove(([], [begins[column]]))
+            slab.pairs.append((ends[row], begins[column]))
 
 
 def _slab_of_ledge(below: Layer, above: Layer, largest: float) -> Slab:
@@ -154,11 +198,24 @@ def _slab_of_ledge(below: Layer, above: Layer, largest: float) -> Slab:
     return Slab(doubt=step if step > LEDGE * largest else 0.0)
 
 
-def _unshared_area(pieces: NDArray[np.object_], areas: NDArray[np.float64], below: int) -> float:
-    """Return the area that is in pieces below and not in those above, or the other way."""
-    lower, upper = np.indices((below, len(pieces) - below)).reshape(2, -1)
-    common = shapely.intersection(pieces[lower], pieces[below + upper], grid_size=CLEANING)
-    return float(areas.sum() - 2 * shapely.area(common).sum())
+def _doubt_groups(
+    slabs: list[Slab],
+    pieces: NDArray[np.object_],
+    groups: Sequence[tuple[int, NDArray[np.int64], NDArray[np.int64]]],
+) -> None:
+    """Add to each slab the area that is in its knots' pieces on one side and not on the other.
+
+    A group is the index of a slab and those of its pieces below and above.
+    """
+    if not groups:
+        return
+    overlaps = [np.array(np.meshgrid(low, high)).reshape(2, -1) for _, low, high in groups]
+    lower, upper = np.concatenate(overlaps, axis=1)
+    common = shapely.area(shapely.intersection(pieces[lower], pieces[upper], grid_size=CLEANING))
+    first = np.cumsum([0, *(overlap.shape[1] for overlap in overlaps)])
+    for (slab, low, high), (start, end) in zip(groups, pairwise(first), strict=True):
+        area = shapely.area(pieces[np.concatenate([low, high])]).sum()
+        slabs[slab].doubt += float(area - 2 * common[start:end].sum())
 
 
 def _meeting(

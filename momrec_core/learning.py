@@ -22,6 +22,7 @@ ALIGNING_ROUNDS = 10  # in which the instances of a class find their common fram
 FOLDS = 5  # of the cross-validation that the threshold is learned from
 KNOWN_QUANTILE = 0.99  # of the held-back distances lies below the threshold, before its margin
 THRESHOLD_MARGIN = 1.5  # on that quantile: few instances show no rare ones
+TYPICAL_MEMBERS = 5  # are added to each class, so that a few instances do not make it too narrow
 LEAST_SPREAD = 1e-3  # of all instances' spread: equal instances of a class teach none of its own
 ROUNDING = 1e-9  # of a moment's natural size: below it, symmetric shapes vary by rounding only
 
@@ -40,9 +41,9 @@ class Learned:
     covariance : array, shape (selected, selected)
         T, of all instances.
     threshold : float
-        Distance beyond which an instance belongs to no class.
-    spread : float
-        Root mean square distance of held-back instances from their class's mean.
+        Distance, in spreads of the nearest class, beyond which an instance belongs to none.
+    spreads : array, shape (classes,)
+        How far held-back instances of each class are from its mean.
     """
 
     classes: tuple[str, ...]
@@ -50,7 +51,7 @@ class Learned:
     means: NDArray[np.float64]
     covariance: NDArray[np.float64]
     threshold: float
-    spread: float
+    spreads: NDArray[np.float64]
 
 
 def learn(
@@ -82,15 +83,26 @@ def learn(
     selected = StepwiseSelector(max_features).fit(X, y).selected_
     classifier = MinimumDistanceClassifier().fit(X[:, selected], y)
     held_back = _held_back_distances(X, y, max_features)
-    quantile = float(np.quantile(held_back, KNOWN_QUANTILE))
+    members = np.searchsorted(classifier.classes_, y)
+    spreads = _spreads(held_back, members)
+    quantile = float(np.quantile(held_back / spreads[members], KNOWN_QUANTILE))
     return Learned(
         classes=tuple(classifier.classes_.tolist()),
         selected=tuple(selected.tolist()),
         means=classifier.means_,
         covariance=classifier.covariance_,
-        threshold=max(THRESHOLD_MARGIN * quantile, LEAST_SPREAD),
-        spread=max(float(np.sqrt(np.mean(held_back**2))), LEAST_SPREAD),
+        threshold=THRESHOLD_MARGIN * max(quantile, 1.0),
+        spreads=spreads,
     )
+
+
+def _spreads(distances: NDArray[np.float64], members: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the root mean square distance in each class, as if some had the median of all."""
+    counts = np.bincount(members)
+    sums = np.bincount(members, weights=distances**2)
+    typical = float(np.median(distances))
+    spreads = np.sqrt((sums + TYPICAL_MEMBERS * typical**2) / (counts + TYPICAL_MEMBERS))
+    return np.asarray(np.maximum(spreads, LEAST_SPREAD))
 
 
 def _varies(

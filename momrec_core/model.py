@@ -78,9 +78,9 @@ class RecognitionModel:
     covariance : array, shape (moments, moments)
         T, of all training instances.
     threshold : float
-        Distance from the nearest class beyond which a shape is unknown.
-    spread : float
-        Root mean square distance of held-back instances from their class's mean.
+        Distance from the nearest class, in its spreads, beyond which a shape is unknown.
+    spreads : array, shape (classes,)
+        How far held-back instances of each class are from its mean.
     """
 
     classes: tuple[str, ...]
@@ -88,7 +88,7 @@ class RecognitionModel:
     means: NDArray[np.float64]
     covariance: NDArray[np.float64]
     threshold: float
-    spread: float
+    spreads: NDArray[np.float64]
     _whitening: NDArray[np.float64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -146,7 +146,7 @@ class RecognitionModel:
             means=learned.means,
             covariance=learned.covariance,
             threshold=learned.threshold,
-            spread=learned.spread,
+            spreads=learned.spreads,
         )
 
     def recognize(self, mesh_or_canonical: CanonicalShape | trimesh.Trimesh) -> Recognition:
@@ -170,30 +170,30 @@ class RecognitionModel:
         canonical = _canonical(mesh_or_canonical)
         vectors = feature_vectors(canonical, list(self.indices))
         distances = distances_from_means(vectors, self.means, self._whitening).min(axis=0)
-        scores = self._scores(distances)
+        nearest = int(np.argmin(distances))
+        strayed = float(distances[nearest] / (self.threshold * self.spreads[nearest]))
+        nearness = 0.5 ** (min(strayed, FAR) ** 2)
+        scores = nearness * self._shares(distances)
         ranking = tuple(
             (self.classes[index], float(distances[index]), float(scores[index]))
             for index in np.argsort(distances, kind="stable")
         )
         label, distance, score = ranking[0]
-        known = distance <= self.threshold
+        known = strayed <= 1.0
         return Recognition(
             label=label if known else UNKNOWN,
             known=known,
             distance=distance,
-            score=score if known else 1.0 - float(self._nearness(distances.min())),
+            score=score if known else 1.0 - nearness,
             ranking=ranking,
             canonical=canonical,
         )
 
-    def _scores(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
-        exponents = (distances**2 - distances.min() ** 2) / (2 * self.spread**2)
+    def _shares(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the classes' shares, the nearer the larger, were all equally wide."""
+        exponents = (distances**2 - distances.min() ** 2) / (2 * np.mean(self.spreads**2))
         shares = np.exp(-exponents)
-        return np.asarray(shares / shares.sum() * self._nearness(distances))
-
-    def _nearness(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return 1 at a class's mean, 1/2 at the threshold, and less beyond."""
-        return np.asarray(0.5 ** (np.minimum(distances / self.threshold, FAR) ** 2))
+        return np.asarray(shares / shares.sum())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model as JSON, whole or not at all.
@@ -211,7 +211,7 @@ class RecognitionModel:
             "means": self.means.tolist(),
             "covariance": self.covariance.tolist(),
             "threshold": self.threshold,
-            "spread": self.spread,
+            "spreads": self.spreads.tolist(),
         }
         target = Path(path)
         temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
@@ -287,12 +287,13 @@ def _from_content(content: object) -> RecognitionModel:
     means = _numbers(content, "means", (len(classes), len(indices)))
     covariance = _numbers(content, "covariance", (len(indices), len(indices)))
     _check_covariance(covariance)
-    threshold, spread = (float(_numbers(content, name, ())) for name in ("threshold", "spread"))
-    if min(threshold, spread) < SMALLEST:
+    threshold = float(_numbers(content, "threshold", ()))
+    (spreads,) = _numbers({"spreads": [content.get("spreads")]}, "spreads", (1, len(classes)))
+    if min(threshold, spreads.min()) < SMALLEST:
         raise ModelFormatError(
-            f'Expected a positive "threshold" and "spread", got {threshold} and {spread}'
+            f'Expected positive "threshold" and "spreads", got {threshold} and {spreads.min()}'
         )
-    return RecognitionModel(classes, indices, means, covariance, threshold, spread)
+    return RecognitionModel(classes, indices, means, covariance, threshold, spreads)
 
 
 def _labels(value: object) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 __all__ = ["Contacts", "Edges", "find_contacts"]
 
 # Units: above Clipper2's grid, and below the layers' cleaning, so that no two vertices touch one.
-TOUCH = 1e-7
+TOUCH = 1e-4
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,7 @@ __all__ = [
 ]
 
 MIN_ANGLE = np.radians(1.0)  # between viewing directions: below, depth is noise times 60 and more
+LEAST_OF_CONE = 0.25  # of the angle of view: least angle between two pinholes' directions
 STRIP_COSINE = 1e-5  # of direction and normal: below, the volume is one of strips to 1e-5
 RADIUS = 1000.0  # units: of the region of interest
 CENTRE_DISTANCE = 1e-4  # units: a plane nearer to a camera centre is taken as if this far from it
@@ -58,12 +59,24 @@ def common_line(first: View, second: View) -> NDArray[np.float64] | None:
     Returns
     -------
     direction : array, shape (3,), or None
-        In the world; None where the views see the object from the same or the opposite side
-        (within one degree), so that their image planes share no line to speak of.
+        In the world; None where the views see the object from the same or the opposite side, so
+        that their image planes share no line to speak of: within one degree, or, for pinholes,
+        a quarter of the angle under which they see the object, as their cones hardly close then.
     """
     normal = np.cross(viewing_direction(first), viewing_direction(second))
     sine = np.linalg.norm(normal)
-    return np.asarray(normal / sine) if sine > np.sin(MIN_ANGLE) else None
+    least = max(MIN_ANGLE, *(LEAST_OF_CONE * _apparent_angle(view) for view in (first, second)))
+    return np.asarray(normal / sine) if sine > np.sin(least) else None
+
+
+def _apparent_angle(view: View) -> float:
+    """Return the angle, in radians, under which a pinhole sees the object; 0 for parallel rays."""
+    if not view.camera.is_pinhole:
+        return 0.0
+    left, low, right, high = view.silhouette.bounds
+    corners = view.camera.rays_camera([[left, low], [right, high]])
+    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
+    return float(np.arccos(np.clip(corners[0] @ corners[1], -1.0, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)

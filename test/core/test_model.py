@@ -38,8 +38,8 @@ SOUND = {
     "moments": [[2, 0, 0], [0, 2, 0]],
     "means": [[1.0, 2.0], [3.0, 4.0]],
     "covariance": [[1.0, 0.5], [0.5, 1.0]],
-    "threshold": 1.0,
-    "spread": 0.5,
+    "threshold": 2.0,
+    "spreads": [0.5, 0.25],
 }
 BOX = normalize(trimesh.creation.box((1.0, 2.0, 3.0)))
 TWO_CLASSES = RecognitionModel(
@@ -48,7 +48,7 @@ TWO_CLASSES = RecognitionModel(
     means=np.array(SOUND["means"]),
     covariance=np.array(SOUND["covariance"]),
     threshold=SOUND["threshold"],
-    spread=SOUND["spread"],
+    spreads=np.array(SOUND["spreads"]),
 )
 
 
@@ -103,7 +103,8 @@ def test_strangers_are_unknown(model: RecognitionModel) -> None:
     for _ in range(10):
         recognition = model.recognize(instance_of(stranger, rng))
         assert (recognition.label, recognition.known) == ("unknown", False)
-        assert recognition.distance > model.threshold
+        nearest = model.classes.index(recognition.ranking[0][0])
+        assert recognition.distance > model.threshold * model.spreads[nearest]
 
 
 def test_a_recognition_ranks_all_classes_by_distance(
@@ -148,7 +149,9 @@ def test_distances_are_mahalanobis_distances_of_the_moments(x: float, y: float) 
     for label, distance, score in recognition.ranking:
         assert distance == pytest.approx(expected[label], rel=1e-9, abs=1e-12)
         assert 0.0 <= score <= 1.0
-    assert recognition.known == (min(expected.values()) <= SOUND["threshold"])
+    nearest = min(expected, key=expected.get)
+    limit = SOUND["threshold"] * SOUND["spreads"]["ab".index(nearest)]
+    assert recognition.known == (expected[nearest] <= limit)
 
 
 def test_the_farther_an_object_the_less_it_is_known_and_the_surer_it_is_unknown() -> None:
@@ -333,7 +336,8 @@ DAMAGES = {
     "a threshold that is true": {"threshold": True},
     "a threshold that is a list": {"threshold": [1.0]},
     "an infinite threshold": {"threshold": float("inf")},
-    "a negative spread": {"spread": -0.1},
+    "a negative spread": {"spreads": [0.5, -0.1]},
+    "a spread too few": {"spreads": [0.5]},
 }
 
 
