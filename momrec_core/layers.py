@@ -152,8 +152,8 @@ def match_layers(pairs: Sequence[tuple[Layer, Layer]], largest: float = np.inf) 
             slabs[slab].knots.append((low.tolist(), high.tolist()))
             groups.append((slab, begin + low, middle + high))
     _doubt_groups(slabs, pieces, groups)
-    for slab, (below, above) in zip(slabs, pairs, strict=True):
-        _bridge(slab, below, above)
+    for matched_slab, (below, above) in zip(slabs, pairs, strict=True):
+        _bridge(matched_slab, below, above)
     return slabs
 
 

@@ -13,9 +13,10 @@ import scipy.linalg
 import shapely
 from numpy.typing import NDArray
 from PIL import Image
+from shapely import MultiPolygon, Polygon
 
 from momrec_core import Camera, InvalidContourError, MomrecError, View
-from momrec_ros.masks import MAX_PIXELS, MaskContours, contours_of_mask
+from momrec_ros.masks import MAX_PIXELS, MaskContours, contours_of_mask, hull_silhouette
 
 __all__ = ["CamerasError", "MaskedView", "MaskedViews", "RejectedMask", "read_cameras_json"]
 
@@ -45,7 +46,12 @@ class MaskedView:
     name : str
         The mask's path as cameras.json gives it.
     view : View
-        Camera in the world of P, silhouette in pixels (world units for parallel projection).
+        Camera in the world of P, silhouette in pixels (world units for parallel projection):
+        the one of `hull_silhouette`, grown and open at the image's border.
+    seen : MultiPolygon
+        The region that the mask itself shows, in the same image coordinates.
+    frame : Polygon
+        What the image covers of the same image plane.
     touches_border : bool
         Whether the object reaches the image's border, which cuts the silhouette there.
     specks : int
@@ -54,6 +60,8 @@ class MaskedView:
 
     name: str
     view: View
+    seen: MultiPolygon
+    frame: Polygon
     touches_border: bool
     specks: int
 
@@ -75,7 +83,7 @@ class MaskedViews:
 
 
 def read_cameras_json(
-    folder: str | Path, *, tolerance: float = 0.5, min_area: float = 16.0
+    folder: str | Path, *, tolerance: float = 0.5, margin: float = 0.25, min_area: float = 16.0
 ) -> MaskedViews:
     """Read the views that a folder's cameras.json lists.
 
@@ -94,6 +102,8 @@ def read_cameras_json(
         Holds cameras.json and the masks; nothing outside is read.
     tolerance, min_area : float
         In pixels, as in `contours_of_mask`.
+    margin : float
+        In pixels, as in `hull_silhouette`.
 
     Returns
     -------
@@ -116,7 +126,7 @@ def read_cameras_json(
             rejected.append(RejectedMask(entry.name, str(error)))
     signs = _signs([(entry.P, found.region.centroid) for entry, found in contours])
     views = tuple(
-        MaskedView(entry.name, _view(sign * entry.P, found), found.touches_border, found.specks)
+        _masked_view(entry.name, sign * entry.P, found, margin)
         for (entry, found), sign in zip(contours, signs, strict=True)
     )
     return MaskedViews(views, tuple(rejected))
@@ -299,26 +309,40 @@ def _ray(
     return origin, direction
 
 
-def _view(P: NDArray[np.float64], contours: MaskContours) -> View:
-    if _is_parallel(P):
-        return _parallel_view(P, contours)
+def _masked_view(
+    name: str, P: NDArray[np.float64], contours: MaskContours, margin: float
+) -> MaskedView:
+    camera, pixels_from_image = _parallel(P) if _is_parallel(P) else (_pinhole(P), np.eye(2, 3))
+
+    def to_image(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        offset = points - pixels_from_image[:, 2]
+        return np.asarray(np.linalg.solve(pixels_from_image[:, :2], offset.T).T)
+
+    silhouette = hull_silhouette(contours, margin=margin)
+    return MaskedView(
+        name,
+        View(camera, shapely.transform(silhouette, to_image)),
+        shapely.transform(contours.region, to_image),
+        shapely.transform(contours.frame, to_image),
+        contours.touches_border,
+        contours.specks,
+    )
+
+
+def _pinhole(P: NDArray[np.float64]) -> Camera:
     K, rotation = scipy.linalg.rq(P[:, :3])
     signs = np.copysign(1.0, np.diag(K))
     signs[0] *= np.linalg.det(rotation) * np.prod(signs)
-    rotation = np.round(signs)[:, None] * rotation
     pose = np.eye(4)
-    pose[:3, :3] = rotation.T
+    pose[:3, :3] = (np.round(signs)[:, None] * rotation).T
     pose[:3, 3] = -np.linalg.solve(P[:, :3], P[:, 3])
-    return View(Camera.pinhole(pose, K * np.round(signs)), contours.region)
+    return Camera.pinhole(pose, K * np.round(signs))
 
 
-def _parallel_view(P: NDArray[np.float64], contours: MaskContours) -> View:
-    """Return the view of a parallel projection, its silhouette brought to world units."""
+def _parallel(P: NDArray[np.float64]) -> tuple[Camera, NDArray[np.float64]]:
+    """Return the camera of a parallel projection and the affine map from it to pixels, (2, 3)."""
     pixels_from_world, offset = P[:2, :3] / P[2, 3], P[:2, 3] / P[2, 3]
     pixels_from_image, axes = scipy.linalg.rq(pixels_from_world, mode="economic")
     pose = np.eye(4)
     pose[:3, :3] = np.column_stack([*axes, np.cross(*axes)])
-    silhouette = shapely.transform(
-        contours.region, lambda points: np.linalg.solve(pixels_from_image, (points - offset).T).T
-    )
-    return View(Camera.orthographic(pose), silhouette)
+    return Camera.orthographic(pose), np.column_stack([pixels_from_image, offset])

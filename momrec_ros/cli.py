@@ -68,6 +68,8 @@ Instances = Annotated[int, _option(parameters.INSTANCES)]
 Noise = Annotated[float, _option(parameters.NOISE)]
 Distance = Annotated[float, _option(parameters.DISTANCE)]
 Seed = Annotated[int, _option(parameters.SEED)]
+Tolerance = Annotated[float, _option(parameters.TOLERANCE)]
+Margin = Annotated[float, _option(parameters.MARGIN)]
 MaxFeatures = Annotated[int, _option(parameters.MAX_FEATURES)]
 Order = Annotated[int, _option(parameters.ORDER)]
 Workers = Annotated[int, _option(parameters.WORKERS)]
@@ -218,12 +220,18 @@ def reconstruct(
     bag: Annotated[Path | None, typer.Option(help="New bag folder for the same views.")] = None,
     figures: FiguresOutput = None,
     slices: Slices = parameters.SLICES.default,
+    tolerance: Tolerance = parameters.TOLERANCE.default,
+    margin: Margin = parameters.MARGIN.default,
 ) -> None:
     """Turn binary masks with projection matrices into a mesh."""
     with _plain_interrupts():
         from momrec_ros.commands import run_reconstruct  # noqa: PLC0415
 
-    raise typer.Exit(run_reconstruct(folder, output, bag, figures, slices=slices))
+    raise typer.Exit(
+        run_reconstruct(
+            folder, output, bag, figures, slices=slices, tolerance=tolerance, margin=margin
+        )
+    )
 
 
 @contextmanager

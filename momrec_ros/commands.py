@@ -10,17 +10,16 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
-from momrec_core.model import RecognitionModel, load_model
 
-from momrec_core.coverage import coverage
 from momrec_core.errors import MomrecError
+from momrec_core.model import RecognitionModel, load_model
 from momrec_core.recognizer import ObjectResult, Recognizer
 from momrec_core.simulation import Projection, simulate_instance
 from momrec_core.view import View
 from momrec_ros import parameters
 from momrec_ros.bag import read_bag
 from momrec_ros.bag_writer import BagWriter
-from momrec_ros.cameras_json import MaskedViews, read_cameras_json
+from momrec_ros.cameras_json import MaskedView, MaskedViews, read_cameras_json
 from momrec_ros.demo_folder import replaced_folder
 from momrec_ros.figures import draw_coverage, draw_object, draw_overview
 from momrec_ros.files import (
@@ -32,6 +31,7 @@ from momrec_ros.files import (
     read_mesh,
     write_mesh,
 )
+from momrec_ros.mask_coverage import mask_coverage
 from momrec_ros.messages import StampedView
 from momrec_ros.replay import Finished, Lost, Replay
 from momrec_ros.report import ResultRow, json_line, rate_table, result_row, result_table
@@ -142,7 +142,8 @@ def run_replay(
         folder = stack.enter_context(new_folder(figures)) if figures else None
         drawer = stack.enter_context(FigureDrawer())
         sinks = _Sinks(terminal, drawer, writer, folder)
-        losses = _replay(recording, model and load_model(model), writer, sinks, terminal)
+        known = None if model is None else load_model(model)
+        losses = _replay(recording, known, writer, sinks, terminal)
     terminal.table(result_table(sinks.rows))
     terminal.wrote(output, figures)
     return SOMETHING_LOST if losses else ALL_USED
@@ -288,17 +289,25 @@ def run_train(paths: Sequence[Path], output: Path, course: Course) -> int:
 
 
 def run_reconstruct(
-    folder: Path, output: Path, bag: Path | None, figures: Path | None, *, slices: int
+    folder: Path,
+    output: Path,
+    bag: Path | None,
+    figures: Path | None,
+    *,
+    slices: int,
+    tolerance: float,
+    margin: float,
 ) -> int:
     """Turn masks into a mesh; see `momrec reconstruct --help`."""
     expect_new(output, bag, figures)
     check_mesh_output(output)
     terminal = Terminal()
-    masked = read_cameras_json(folder)
-    result, losses = _intersected(masked, folder.resolve().name, slices, terminal)
+    masked = read_cameras_json(folder, tolerance=tolerance, margin=margin)
+    _tell_borders(masked.views, terminal)
+    result, used, losses = _intersected(masked, folder.resolve().name, slices, terminal)
     for text in losses:
         terminal.lost(text)
-    _tell_coverage(result, terminal)
+    _tell_coverage(used, result, terminal)
     with ExitStack() as stack:
         if bag is not None:
             writer = stack.enter_context(BagWriter(bag))
@@ -308,7 +317,7 @@ def run_reconstruct(
         if figures is not None:
             temporary = stack.enter_context(new_folder(figures))
             draw_object(result, temporary / f"{file_name(result.object_id)}.png")
-            draw_coverage(result.hull.views, result.mesh, temporary / "coverage.png")
+            draw_coverage(used, result.mesh, temporary / "coverage.png")
         write_mesh(result.mesh, output)
     terminal.table(result_table([result_row(result)]))
     terminal.wrote(output, bag, figures)
@@ -317,25 +326,35 @@ def run_reconstruct(
 
 def _intersected(
     masked: MaskedViews, object_id: str, slices: int, terminal: Terminal
-) -> tuple[ObjectResult, list[str]]:
-    """Return what the masks say together, and what could not be used of them."""
+) -> tuple[ObjectResult, list[MaskedView], list[str]]:
+    """Return what the masks say together, which were used, and what could not be used."""
+    used = []
     losses = [f"{mask.name}: {mask.reason}" for mask in masked.rejected]
     recognizer = Recognizer(slices=slices, max_views=max(2, len(masked.views)))
     for seen in terminal.progress(masked.views, "intersecting", len(masked.views)):
-        if seen.touches_border:
-            terminal.say(f"{seen.name}: the object touches the border of the image")
         try:
             recognizer.add_view(object_id, seen.view)
         except MomrecError as error:
             losses.append(f"{seen.name}: {error}")
+        else:
+            used.append(seen)
     if not recognizer.objects:
         raise MomrecError(f"Expected masks that show an object, got none: {losses[0]}")
     terminal.say("joining the slices to a mesh")
-    return recognizer.result(object_id), losses
+    return recognizer.result(object_id), used, losses
 
 
-def _tell_coverage(result: ObjectResult, terminal: Terminal) -> None:
-    shares = [coverage(view, result.mesh) for view in result.hull.views]
+def _tell_borders(views: Sequence[MaskedView], terminal: Terminal) -> None:
+    names = [masked.name for masked in views if masked.touches_border]
+    if names:
+        terminal.say(
+            f"the border of the image cuts the object in {len(names)} of {len(views)} masks, which "
+            f"are open there: {', '.join(names)}"
+        )
+
+
+def _tell_coverage(used: Sequence[MaskedView], result: ObjectResult, terminal: Terminal) -> None:
+    shares = [mask_coverage(masked, result.mesh) for masked in used]
     covered = [share.covered for share in shares]
     terminal.say(
         f"the mesh covers {100 * np.mean(covered):.1f} % of the silhouettes, "

@@ -17,7 +17,8 @@ from matplotlib.path import Path as PlotPath
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from momrec_core import Coverage, View, silhouette_of_mesh
+from momrec_core import Coverage, View
+from momrec_ros.mask_coverage import visible_projection
 from momrec_ros.rendering import Rendering, Viewpoint, render
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from momrec_core.hull import VisualHull
     from momrec_core.recognizer import ObjectResult
+    from momrec_ros.cameras_json import MaskedView
 
 __all__ = ["draw_coverage", "draw_object", "draw_overview"]
 
@@ -109,12 +111,12 @@ def draw_overview(results: Sequence[ObjectResult], path: str | Path) -> None:
     _save(figure, path)
 
 
-def draw_coverage(views: Sequence[View], mesh: trimesh.Trimesh, path: str | Path) -> None:
-    """Draw the silhouettes against the mesh's projections, with the covered shares.
+def draw_coverage(views: Sequence[MaskedView], mesh: trimesh.Trimesh, path: str | Path) -> None:
+    """Draw the masks' regions against the mesh's projections, with the covered shares.
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of MaskedView
         At least one; evenly spaced ones are drawn if there are more than 60.
     mesh : Trimesh
         World, metres; before every pinhole.
@@ -136,11 +138,11 @@ def draw_coverage(views: Sequence[View], mesh: trimesh.Trimesh, path: str | Path
     columns = min(len(shown), max(3, math.ceil(math.sqrt(1.8 * len(shown)))))
     rows = math.ceil(len(shown) / columns)
     figure = _figure(1.9 * columns, 1.0 + 2.05 * rows)
-    half = _half_extent([views[index] for index in shown])
+    half = _half_extent([views[index].seen for index in shown])
     agreement = []
     for axes, index in zip(_grid(figure, rows, columns, footer=0.9), shown, strict=False):
-        seen = views[index].silhouette
-        projected = silhouette_of_mesh(mesh, views[index].camera).silhouette
+        seen = views[index].seen
+        projected = visible_projection(views[index], mesh)
         found = Coverage.of_regions(seen, projected)
         agreement.append(found)
         _fill(axes, shapely.intersection(seen, projected), SKY, alpha=0.45)
@@ -191,7 +193,7 @@ def _draw_contours(panel: SubFigure, views: Sequence[View]) -> None:
     )
     for axes in grid.flat:
         axes.set_axis_off()
-    half = _half_extent([views[index] for index in shown])
+    half = _half_extent([views[index].silhouette for index in shown])
     for axes, index in zip(grid.flat, shown, strict=False):
         region = views[index].silhouette
         _fill(axes, region, SKY, alpha=0.30)
@@ -421,9 +423,9 @@ def _frame_image(axes: Axes, region: shapely.Geometry, half: float) -> None:
     axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half), aspect="equal")
 
 
-def _half_extent(views: Sequence[View]) -> float:
-    """Return half the side of a square that holds each of the silhouettes, with some air."""
-    bounds = np.array([view.silhouette.bounds for view in views])
+def _half_extent(regions: Sequence[MultiPolygon]) -> float:
+    """Return half the side of a square that holds each of the regions, with some air."""
+    bounds = np.array([region.bounds for region in regions])
     return 0.54 * float((bounds[:, 2:] - bounds[:, :2]).max())
 
 

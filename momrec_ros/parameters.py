@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 __all__ = [
     "DISTANCE",
     "INSTANCES",
+    "MARGIN",
     "MAX_FEATURES",
     "MAX_OBJECTS",
     "MAX_VIEWS",
@@ -20,6 +21,7 @@ __all__ = [
     "SEED",
     "SIMULATED_PROJECTION",
     "SLICES",
+    "TOLERANCE",
     "VIEWS",
     "WORKERS",
     "WORLD_FRAME",
@@ -117,6 +119,16 @@ NOISE = Parameter(
 )
 DISTANCE = Parameter(
     "distance", 3.0, "Simulated cameras' distance from the object, in its diameters.", 0.6, 1000.0
+)
+TOLERANCE = Parameter(
+    "tolerance", 0.5, "Pixels by which contours of masks may be off, to be simpler.", 0.0, 5.0
+)
+MARGIN = Parameter(
+    "margin",
+    0.25,
+    "Pixels by which silhouettes grow first: many views take the innermost outline.",
+    0.0,
+    5.0,
 )
 SEED = Parameter("seed", 0, "Seed of all that is drawn at random.", 0, 2**32 - 1)
 MAX_FEATURES = Parameter("max_features", 10, "Moments that the model uses at most.", 1, 49)

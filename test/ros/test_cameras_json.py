@@ -7,7 +7,9 @@ import pytest
 import shapely
 from PIL import Image
 
+from momrec_core import reconstruct
 from momrec_ros.cameras_json import CamerasError, read_cameras_json
+from momrec_ros.mask_coverage import mask_coverage
 
 SIZE = 160, 120  # width, height
 K = np.array([[300.0, 4.0, 80.0], [0.0, 280.0, 60.0], [0.0, 0.0, 1.0]])
@@ -207,3 +209,20 @@ def test_a_link_out_of_the_folder_is_not_followed(tmp_path):
     (folder / "masks/2.png").symlink_to(tmp_path / "secret.png")
     with pytest.raises(CamerasError, match="got a link out of it"):
         read_cameras_json(folder)
+
+
+def test_a_mask_cut_by_its_image_does_not_cut_the_object(tmp_path):
+    """One camera sees only a part of the ball; the hull is that of the others."""
+    poses = ring_of_poses(6)
+    aside = projection(poses[2], np.array([[300.0, 4.0, 5.0], [0.0, 280.0, 60.0], [0.0, 0.0, 1.0]]))
+    whole = [projection(pose) for pose in poses]
+    cut = [*whole[:2], aside, *whole[3:]]
+    found = read_cameras_json(write_folder(tmp_path / "cut", cut)).views
+    assert [view.touches_border for view in found] == [False, False, True, False, False, False]
+    clean = read_cameras_json(write_folder(tmp_path / "whole", whole)).views
+    others = [view.view for number, view in enumerate(clean) if number != 2]
+    mesh = reconstruct([view.view for view in found], 32).mesh()
+    assert mesh.volume > 0.9 * reconstruct([view.view for view in clean], 32).mesh().volume
+    assert mesh.volume < 1.01 * reconstruct(others, 32).mesh().volume
+    for view in found:
+        assert mask_coverage(view, mesh).covered > 0.97

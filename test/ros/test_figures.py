@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from PIL import Image
 
@@ -11,6 +12,7 @@ from momrec_core import silhouette_of_mesh
 from momrec_core.canonical import normalize
 from momrec_core.hull import reconstruct
 from momrec_core.simulation import simulate_views
+from momrec_ros.cameras_json import MaskedView
 from momrec_ros.figures import draw_coverage, draw_object, draw_overview
 from momrec_ros.rendering import Viewpoint, render
 
@@ -76,14 +78,23 @@ def test_an_overview_has_a_cell_for_every_result(tmp_path, box, wedge):
     assert np.mean(cells[0] != cells[1]) > 0.03
 
 
+def masked(views):
+    """Return views as if they came from masks whose images hold all of them."""
+    frame = shapely.box(-100.0, -100.0, 100.0, 100.0)
+    return [
+        MaskedView(f"view {number}", view, view.silhouette, frame, touches_border=False, specks=0)
+        for number, view in enumerate(views)
+    ]
+
+
 def test_coverage_shows_what_is_not_covered_in_its_own_colour(tmp_path, box):
     views = box.hull.views
     small = box.mesh.copy()
     small.apply_translation(-small.center_mass)
     small.apply_scale(0.6)
     own = [silhouette_of_mesh(small, view.camera) for view in views]
-    draw_coverage(views, small, tmp_path / "missed.png")
-    draw_coverage(own, small, tmp_path / "covered.png")
+    draw_coverage(masked(views), small, tmp_path / "missed.png")
+    draw_coverage(masked(own), small, tmp_path / "covered.png")
     vermilion = np.array([0xD5, 0x5E, 0x00])
     missed, covered = (
         np.mean(np.abs(pixels_of(tmp_path / name)[:-120] - vermilion).max(axis=-1) < 8)

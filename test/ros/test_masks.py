@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from shapely import MultiPolygon, Point, Polygon
 
 from momrec_core import InvalidContourError
-from momrec_ros.masks import contours_of_mask
+from momrec_ros.masks import contours_of_mask, hull_silhouette
 
 SIDE = 120
 
@@ -156,3 +156,33 @@ def test_values_above_half_the_range_are_object(dtype):
 def test_what_is_no_mask_is_refused_with_what_came(mask, message):
     with pytest.raises(InvalidContourError, match=message):
         contours_of_mask(mask)
+
+
+def test_a_margin_grows_a_silhouette_by_its_width_all_around():
+    disc = contours_of_mask(rasterised(Point(60, 60).buffer(30)))
+    assert hull_silhouette(disc, margin=0.0).equals(disc.region)
+    for margin in (0.25, 1.0):
+        grown = hull_silhouette(disc, margin=margin)
+        assert grown.is_valid
+        assert grown.contains(disc.region)
+        expected = disc.region.area + margin * disc.region.length
+        assert grown.area == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize("margin", [-0.1, float("nan"), float("inf")])
+def test_a_margin_that_is_none_is_refused(margin):
+    disc = contours_of_mask(rasterised(Point(60, 60).buffer(30)))
+    with pytest.raises(ValueError, match="margin of 0 pixels or more"):
+        hull_silhouette(disc, margin=margin)
+
+
+@pytest.mark.parametrize("center", [(0, 60), (SIDE, 60), (60, 0), (60, SIDE)])
+def test_an_object_cut_by_the_border_may_go_on_outside(center):
+    disc = Point(center).buffer(30)
+    contours = contours_of_mask(rasterised(disc))
+    assert contours.touches_border
+    silhouette = hull_silhouette(contours, margin=1.0)
+    assert disc.buffer(-0.5).difference(contours.region).area > 1000
+    assert disc.buffer(-0.5).difference(silhouette).area < 1
+    inside = silhouette.intersection(contours.frame)
+    assert inside.difference(contours.region.buffer(1.5)).area < 5
