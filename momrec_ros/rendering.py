@@ -95,13 +95,26 @@ def render(
     depth, nearest = _rasterise(_on_grid(seen, side)[faces], side)
     shade = _shade(_smooth_normals(mesh) @ viewpoint.axes.T)
     brightness = shade[nearest] * (1 - LINE_STRENGTH * _steps(depth))
-    covered = np.isfinite(depth)
-    image = np.empty((side, side, 4))
-    image[..., :3] = np.clip(brightness[..., None] * color, 0, 1) * covered[..., None]
-    image[..., 3] = covered
-    small = image.reshape(pixels, OVERSAMPLING, pixels, OVERSAMPLING, 4).mean(axis=(1, 3))
-    small[..., :3] /= np.maximum(small[..., 3:], np.finfo(np.float64).eps)
-    return Rendering(np.clip(small, 0, 1), depth[::OVERSAMPLING, ::OVERSAMPLING])
+    covered = np.isfinite(depth).astype(np.float64)
+    light, alpha = _shrunk(brightness * covered), _shrunk(covered)
+    image = np.empty((pixels, pixels, 4))
+    image[..., :3] = (light / np.maximum(alpha, np.finfo(np.float64).eps))[..., None] * color
+    image[..., 3] = alpha
+    return Rendering(np.clip(image, 0, 1), depth[::OVERSAMPLING, ::OVERSAMPLING])
+
+
+def _shrunk(samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Average the samples of each pixel."""
+    return np.asarray(
+        np.mean(
+            [
+                samples[row::OVERSAMPLING, column::OVERSAMPLING]
+                for row in range(OVERSAMPLING)
+                for column in range(OVERSAMPLING)
+            ],
+            axis=0,
+        )
+    )
 
 
 def _on_grid(seen: NDArray[np.float64], side: int) -> NDArray[np.float64]:
