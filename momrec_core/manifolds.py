@@ -6,6 +6,8 @@ from collections import defaultdict
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 __all__ = ["double_shared_edges"]
 
@@ -18,7 +20,8 @@ def double_shared_edges(
     """Make a closed surface edge-manifold where it touches itself along an edge.
 
     The triangles around such an edge are taken in pairs with material between them. One pair
-    keeps the edge, each other one gets a vertex of its own in the edge's middle.
+    keeps the edge, each other one gets a vertex of its own in the edge's middle; then bodies that
+    only touch have no vertex in common either.
 
     Parameters
     ----------
@@ -29,7 +32,7 @@ def double_shared_edges(
     Returns
     -------
     points : array, shape (n', 3)
-        The given ones that are in use, and the new ones.
+        The given ones that are in use, some of them more than once, and the new ones.
     triangles : array of int, shape (m', 3)
         Every edge is shared by exactly two of them.
     """
@@ -53,7 +56,25 @@ def double_shared_edges(
             middles.append(middle)
     whole = np.delete(triangles, list(inserted), axis=0)
     parts = [_fan(triangles[face], corners) for face, corners in inserted.items()]
-    return np.concatenate([points, middles]), np.concatenate([whole, *parts])
+    return _split_vertices(np.concatenate([points, middles]), np.concatenate([whole, *parts]))
+
+
+def _split_vertices(
+    points: NDArray[np.float64], triangles: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Give each vertex as many copies as there are fans of triangles around it.
+
+    Corners belong to one fan where their triangles share an edge at the vertex.
+    """
+    order, _, _ = _group_edges(len(points), triangles)
+    first, second = order.reshape(-1, 2).T
+    following = np.arange(triangles.size).reshape(-1, 3)[:, [1, 2, 0]].ravel()
+    joined = np.concatenate([[first, following[second]], [following[first], second]], axis=1)
+    shape = (triangles.size, triangles.size)
+    graph = coo_array((np.ones(joined.shape[1]), joined), shape=shape)
+    _, fans = connected_components(graph, directed=False)
+    _, corners, faces = np.unique(fans, return_index=True, return_inverse=True)
+    return points[triangles.ravel()[corners]], faces.reshape(-1, 3)
 
 
 def _group_edges(

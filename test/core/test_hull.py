@@ -1,6 +1,7 @@
 """Visual hulls: against exact intersections of viewing volumes, in any order, of any camera."""
 
 import copy
+import io
 
 import numpy as np
 import pytest
@@ -316,5 +317,59 @@ def _scaled(view, factor):
 def test_what_is_no_view_and_too_few_slices_are_refused():
     with pytest.raises(InvalidContourError, match="Expected a View, got int"):
         VisualHull().add(3)
-    with pytest.raises(ValueError, match="at least 2 slices, got 1"):
-        VisualHull(1)
+    for slices in (1, 2.5, "64", None, float("nan")):
+        with pytest.raises(ValueError, match="whole number of at least 2 slices, got"):
+            VisualHull(slices)
+
+
+def test_saved_meshes_are_closed_when_they_are_loaded_again():
+    """Files hold single precision, and readers merge vertices that fall together."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        mesh = reconstruct(simulate_views(random_solid(rng), 8, rng), 48).mesh()
+        for kind in ("stl", "ply"):
+            loaded = trimesh.load(io.BytesIO(mesh.export(file_type=kind)), file_type=kind)
+            loaded.merge_vertices()
+            assert loaded.is_watertight
+            assert loaded.volume == pytest.approx(mesh.volume, rel=1e-4)
+
+
+def test_a_slanted_needle_whose_sections_do_not_overlap_stays_in_one_piece():
+    needle = trimesh.creation.box((0.01, 0.01, 2.0))
+    needle.apply_transform(trimesh.transformations.rotation_matrix(0.9, (1.0, 0.4, 0.0)))
+    directions = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.5, 0.5, 0.7), (-0.3, 0.8, 0.5)]
+    views = [
+        silhouette_of_mesh(needle, Camera.orthographic(pose_towards(direction)))
+        for direction in directions
+    ]
+    mesh = reconstruct(views, 24).mesh()
+    assert mesh.body_count == 1
+    assert mesh.volume == pytest.approx(exact_hull(views).volume(), rel=2e-2)
+
+
+def test_sheets_that_slide_from_slice_to_slice_keep_their_volume():
+    bars = [shapely.box(x, -1, x + 0.16, 1) for x in np.arange(-1.0, 1.0, 0.4)]
+    directions = [(0.9, 0.2, 0.4), (-0.3, 0.8, 0.5)]
+    views = [
+        View(Camera.orthographic(pose_towards(direction)), shapely.union_all(bars))
+        for direction in directions
+    ]
+    mesh = reconstruct(views, 64).mesh()
+    assert mesh.volume == pytest.approx(exact_hull(views).volume(), rel=5e-3)
+
+
+def test_pinholes_too_close_together_wait_for_a_better_pair():
+    mesh = trimesh.creation.box((1.0, 0.8, 0.6))
+    hull = VisualHull(32)
+    for angle in (0.0, 0.02, 0.04):
+        hull.add(pinhole_at(mesh, angle))
+        assert not hull.ready
+    for angle in (1.0, 2.5, 4.0):
+        hull.add(pinhole_at(mesh, angle))
+    assert hull.ready
+    assert np.abs(compare(hull, hull.views)).max() < 1e-2
+
+
+def pinhole_at(mesh, angle):
+    direction = (np.cos(angle), np.sin(angle), -0.2)
+    return silhouette_of_mesh(mesh, Camera.pinhole(pose_towards(direction, distance=3.0), K))
