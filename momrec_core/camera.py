@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -111,7 +112,7 @@ class Camera:
         InvalidCameraError
             If the pose is no rigid motion.
         """
-        return cls(np.asarray(pose))
+        return cls(cast("NDArray[np.float64]", pose))
 
     @classmethod
     def pinhole(cls, pose: ArrayLike, K: ArrayLike) -> Camera:
@@ -131,7 +132,7 @@ class Camera:
         InvalidCameraError
             If the pose is no rigid motion or K no intrinsic matrix.
         """
-        return cls(np.asarray(pose), np.asarray(K))
+        return cls(cast("NDArray[np.float64]", pose), cast("NDArray[np.float64]", K))
 
     @property
     def is_pinhole(self) -> bool:

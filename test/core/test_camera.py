@@ -71,6 +71,7 @@ def broken(change):
     [
         (np.eye(3), r"shape \(4, 4\), got shape \(3, 3\)"),
         ("pose", r"shape \(4, 4\)"),
+        ([[1.0], [1.0, 2.0]], r"shape \(4, 4\)"),
         (broken(lambda pose: pose.__setitem__((0, 0), np.nan)), "finite pose"),
         (broken(lambda pose: pose.__setitem__((0, 0), 1.001)), "rotation in the pose"),
         (broken(lambda pose: pose.__setitem__((0, 0), -1.0)), "determinant -1"),
