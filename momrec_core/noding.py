@@ -12,6 +12,7 @@ __all__ = ["Contacts", "Edges", "find_contacts"]
 
 # Units: above Clipper2's grid, and below the layers' cleaning, so that no two vertices touch one.
 TOUCH = 1e-4
+MAX_PAIRS = 2_000_000  # of edges whose boxes are compared at a time: bounds the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +95,16 @@ def _near(below: Edges, above: Edges) -> tuple[NDArray[np.int64], NDArray[np.int
     low1 = np.minimum(below.starts, below.ends) - TOUCH
     high1 = np.maximum(below.starts, below.ends) + TOUCH
     low2, high2 = np.minimum(above.starts, above.ends), np.maximum(above.starts, above.ends)
-    meet = (low1[:, None, 0] <= high2[None, :, 0]) & (high1[:, None, 0] >= low2[None, :, 0])
-    meet &= (low1[:, None, 1] <= high2[None, :, 1]) & (high1[:, None, 1] >= low2[None, :, 1])
-    lower, upper = np.nonzero(meet)
-    return lower, upper
+    step = max(1, MAX_PAIRS // len(low2))
+    lower, upper = [], []
+    for start in range(0, len(low1), step):
+        rows = slice(start, start + step)
+        meet = (low1[rows, None] <= high2[None]).all(axis=2)
+        meet &= (high1[rows, None] >= low2[None]).all(axis=2)
+        first, second = np.nonzero(meet)
+        lower.append(start + first)
+        upper.append(second)
+    return np.concatenate(lower), np.concatenate(upper)
 
 
 def _along_and_beside(

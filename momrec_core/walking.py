@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 __all__ = ["Bands", "walk_bands"]
@@ -223,8 +224,12 @@ def _best_band(
 
 def _nearest(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[int, int]:
     """Return where in two contours the vertices are that lie nearest to each other."""
-    distances = cdist(low[:, :2], high[:, :2], "sqeuclidean")
-    row, column = divmod(int(np.argmin(distances)), len(high))
+    if len(low) * len(high) > MAX_GRID:
+        distances, partners = KDTree(high[:, :2]).query(low[:, :2])
+        row = int(np.argmin(distances))
+        return row, int(partners[row])
+    squares = cdist(low[:, :2], high[:, :2], "sqeuclidean")
+    row, column = divmod(int(np.argmin(squares)), len(high))
     return row, column
 
 

@@ -373,3 +373,16 @@ def test_pinholes_too_close_together_wait_for_a_better_pair():
 def pinhole_at(mesh, angle):
     direction = (np.cos(angle), np.sin(angle), -0.2)
     return silhouette_of_mesh(mesh, Camera.pinhole(pose_towards(direction, distance=3.0), K))
+
+
+def test_contours_of_thousands_of_vertices_are_joined_within_bounded_memory():
+    angles = 2 * np.pi * np.arange(2100) / 2100
+    radii = 1 + 0.05 * np.sign(np.sin(60 * angles))
+    gear = np.c_[np.cos(angles), np.sin(angles)] * radii[:, None]
+    side, top = (Camera.orthographic(pose_towards(d)) for d in ((1.0, 0.0, 0.0), (0.0, 0.02, 1.0)))
+    views = [View(side, shapely.box(-2, -1, 2, 1)), View.from_rings(top, [gear])]
+    front = View(Camera.orthographic(pose_towards((0.0, 1.0, 0.0))), shapely.box(-2, -1, 2, 1))
+    hull = reconstruct([views[0], front, views[1]], 3)
+    mesh = hull.mesh()
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(volume_of_slices(hull), rel=1e-2)
