@@ -120,7 +120,7 @@ def walk_bands(
     return Bands(
         np.concatenate([triangles[kept], *parts]),
         np.concatenate([bands[kept], *numbers]),
-        misfits > POOR_MISFIT,
+        misfits > POOR_MISFIT + np.array([it.slant for it in expected]),
     )
 
 
@@ -131,9 +131,11 @@ class _Expectation:
     Attributes
     ----------
     area : float
-        Of the band, were one contour the other's image, shifted and scaled.
+        Of the band, were one contour the other's image, scaled.
+    slant : float
+        What a shift from one centroid to the other would add to the area, relatively.
     volume : float
-        Between the contours, likewise; negative for holes.
+        Between the contours; negative for holes.
     base : float
         What the caps contribute to the volume, see `_misfits`.
     shift : array, shape (2,)
@@ -141,6 +143,7 @@ class _Expectation:
     """
 
     area: float
+    slant: float
     volume: float
     base: float
     shift: NDArray[np.float64]
@@ -160,13 +163,15 @@ def _expectations(
         )
         bottom, top = points[low[0], 2], points[high[0], 2]
         shift = centroid2 - centroid1
-        sheared = [
-            np.hypot((top - bottom) * np.hypot(*edges.T), edges @ (-shift[1], shift[0])).sum()
-            for edges in (edges1, edges2)
-        ]
+        upright = (top - bottom) * np.hypot(*np.concatenate([edges1, edges2]).T)
+        aside = np.concatenate([edges1, edges2]) @ (-shift[1], shift[0])
         volume = (top - bottom) * (area1 + area2 + np.sign(area1) * np.sqrt(area1 * area2)) / 3
-        area = np.hypot(sum(sheared) / 2, area2 - area1)
-        expected.append(_Expectation(area, volume, top * area2 - bottom * area1, shift))
+        area, slanted = (
+            float(np.hypot(sides.sum() / 2, area2 - area1))
+            for sides in (upright, np.hypot(upright, aside))
+        )
+        base = top * area2 - bottom * area1
+        expected.append(_Expectation(area, slanted / area - 1, volume, base, shift))
     return expected
 
 
