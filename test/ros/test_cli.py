@@ -475,7 +475,8 @@ def test_an_interrupt_leaves_nothing_behind_and_no_traceback(tmp_path):
                 break
         os.killpg(process.pid, signal.SIGINT)
         errors = process.stderr.read()
-    assert process.returncode in {1, 130}
+    # While modules load, the signal itself ends the process, which a shell shows as 130 as well.
+    assert process.returncode in {130, -signal.SIGINT}
     assert b"Traceback" not in errors
     assert list(tmp_path.iterdir()) == []
 
