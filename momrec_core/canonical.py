@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 
 from momrec_core.errors import DegenerateShapeError
-from momrec_core.moments import surface_moments, triangles_of
+from momrec_core.moments import areas_of, corners_of, gathered_corners, moments_of_corners
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,6 +21,8 @@ CANONICAL_AREA = 100.0  # C of eq. 5, as in the paper's section 5
 NO_AREA = 1e-14  # of the squared extent: what rounding leaves of a surface squeezed to a line
 HIT_TOLERANCE = 1e-9  # of the extent: how near an axis line passes to an edge that it meets
 LARGEST_EXTENT = 1e60  # metres, and one over it the smallest: eigenvalues go with its 4th power
+LARGEST_AREA = 1e40  # of a canonical surface, and one over it the smallest: likewise with power 3.5
+MAX_ORDER = 5  # of the moments that a canonical shape carries
 TIE_TOLERANCE = 1e-7  # relative: below it, the two ends of an axis differ by rounding only
 
 
@@ -106,80 +108,132 @@ def normalize(
     third-order moment is positive, or, if that vanishes too, to the side of the first vertex that
     is off the centroid's plane. Every rule moves along with a similarity.
     """
-    if not (np.isfinite(area) and area > 0):
-        raise ValueError(f"Expected a positive area, got {area}")
+    if not 1.0 / LARGEST_AREA <= area <= LARGEST_AREA:
+        raise ValueError(f"Expected a positive area, at most {LARGEST_AREA:g}, got {area}")
     if not (0 <= gap_tolerance < 1 and 0 <= sign_tolerance < 1):
         raise ValueError(
             f"Expected tolerances from 0 to below 1, got {gap_tolerance} and {sign_tolerance}"
         )
-    centred, centroid, extent = _centred(mesh)
-    eigenvalues, axes = _principal_axes(surface_moments(centred, order=2))
-    aligned = trimesh.Trimesh(centred.vertices @ axes, centred.faces, process=False)
-    signs, margins = _directions(aligned)
+    centred = _centred(mesh)
+    eigenvalues, axes = _principal_axes(centred.inertia)
+    aligned = centred.vertices @ axes
+    corners = gathered_corners(aligned, mesh.faces)
+    moments = moments_of_corners(corners, MAX_ORDER)
+    signs, margins = _directions(aligned, corners, moments)
     gaps = np.diff(eigenvalues) / eigenvalues[2]
     principal, *alternatives = _admissible_frames(
         axes * signs, exchangeable=gaps < gap_tolerance, signed=margins >= sign_tolerance
     )
-    metric_area = centred.area * extent**2
+    metric_area = centred.area * centred.extent**2
     scale = float(np.sqrt(area / metric_area))
-    canonical = trimesh.Trimesh(
-        centred.vertices @ principal * (scale * extent), centred.faces, process=False
-    )
+    enlarged = scale * centred.extent
+    canonical = trimesh.Trimesh(centred.vertices @ principal * enlarged, mesh.faces, process=False)
     return CanonicalShape(
         mesh=canonical,
-        matrix=_similarity(principal, centroid, scale),
-        principal_frame=_pose(principal, centroid),
+        matrix=_similarity(principal, centred.centroid, scale),
+        principal_frame=_pose(principal, centred.centroid),
         scale=scale,
-        moments=surface_moments(canonical, order=5),
-        eigenvalues=eigenvalues * extent**4,
+        moments=_in_principal_frame(moments, signs, enlarged),
+        eigenvalues=eigenvalues * centred.extent**4,
         eigenvalue_gaps=gaps,
         sign_margins=margins[:2],
         is_unique=not alternatives,
-        alternatives=tuple(_pose(frame, centroid) for frame in alternatives),
+        alternatives=tuple(_pose(frame, centred.centroid) for frame in alternatives),
     )
 
 
-def _centred(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, NDArray[np.float64], float]:
-    """Return the mesh about its centroid in units of its extent, the centroid and the extent."""
-    corners = triangles_of(mesh).reshape(-1, 3)
-    low, high = corners.min(axis=0), corners.max(axis=0)
+@dataclass(frozen=True, eq=False)
+class _Centred:
+    """A shape about its centroid in units of its extent.
+
+    Attributes
+    ----------
+    vertices : array, shape (n, 3)
+    area : float
+    inertia : array, shape (3, 3)
+        Of eq. 9.
+    centroid : array, shape (3,)
+        In the world, metres.
+    extent : float
+        Metres.
+    """
+
+    vertices: NDArray[np.float64]
+    area: float
+    inertia: NDArray[np.float64]
+    centroid: NDArray[np.float64]
+    extent: float
+
+
+def _centred(mesh: trimesh.Trimesh) -> _Centred:
+    corners = corners_of(mesh)
+    low, high = corners.min(axis=(1, 2)), corners.max(axis=(1, 2))
     extent = float(2.0 * np.max(high / 2.0 - low / 2.0))
     if not 1.0 / LARGEST_EXTENT <= extent <= LARGEST_EXTENT:
         raise DegenerateShapeError(f"Expected a mesh with an area, got an extent of {extent:.6g}")
     middle = (low + high) / 2.0
-    vertices = (np.asarray(mesh.vertices, dtype=np.float64) - middle) / extent
-    faces = np.asarray(mesh.faces)
-    moments = surface_moments(trimesh.Trimesh(vertices, faces, process=False), order=1)
-    if moments[0, 0, 0] <= NO_AREA:
+    corners = (corners - middle[:, None, None]) / extent
+    areas = areas_of(corners)
+    area = float(areas.sum())
+    if area <= NO_AREA:
         raise DegenerateShapeError(
-            f"Expected a mesh with an area, got {moments[0, 0, 0]:.3g} of its squared extent"
+            f"Expected a mesh with an area, got {area:.3g} of its squared extent"
         )
-    shift = np.array([moments[1, 0, 0], moments[0, 1, 0], moments[0, 0, 1]]) / moments[0, 0, 0]
-    centred = trimesh.Trimesh(vertices - shift, faces, process=False)
-    return centred, middle + shift * extent, extent
+    shift = corners.sum(axis=1) @ areas / (3.0 * area)
+    vertices = (np.asarray(mesh.vertices, dtype=np.float64) - middle) / extent - shift
+    return _Centred(
+        vertices=vertices,
+        area=area,
+        inertia=_inertia(corners - shift[:, None, None], areas),
+        centroid=middle + shift * extent,
+        extent=extent,
+    )
+
+
+def _inertia(corners: NDArray[np.float64], areas: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inertia matrix (eq. 9) about the origin of triangles' corners (3, 3, n).
+
+    The integral of x x^T over a triangle with the corners a, b, c and the sum s of them is its
+    area by (a a^T + b b^T + c c^T + s s^T) / 12.
+    """
+    points = np.concatenate([corners, corners.sum(axis=1, keepdims=True)], axis=1)
+    second = (points * areas).reshape(3, -1) @ points.reshape(3, -1).T / 12.0
+    return np.asarray(np.trace(second) * np.eye(3) - second)
 
 
 def _principal_axes(
-    moments: NDArray[np.float64],
+    inertia: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return eigenvalues, increasing, and eigenvectors (columns) of the inertia matrix, eq. 9."""
-    second = np.diag([moments[2, 0, 0], moments[0, 2, 0], moments[0, 0, 2]])
-    second[[0, 1], [1, 0]] = moments[1, 1, 0]
-    second[[0, 2], [2, 0]] = moments[1, 0, 1]
-    second[[1, 2], [2, 1]] = moments[0, 1, 1]
-    eigenvalues, axes = np.linalg.eigh(np.trace(second) * np.eye(3) - second)
+    """Return eigenvalues, increasing, and as columns right-handed eigenvectors of the inertia."""
+    eigenvalues, axes = np.linalg.eigh(inertia)
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
     return eigenvalues, axes
 
 
-def _directions(aligned: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _in_principal_frame(
+    moments: NDArray[np.float64], signs: NDArray[np.float64], scale: float
+) -> NDArray[np.float64]:
+    """Return moments for x, y, z along v2, v3, v1 instead of v1, v2, v3 before their signs."""
+    i, j, k = np.indices(moments.shape)
+    first, second, _ = signs
+    flips = second**i * (first * second) ** j * first**k
+    powers = scale ** (np.minimum(i + j + k, MAX_ORDER) + 2)
+    return np.asarray(moments.transpose(1, 2, 0) * flips * powers)
+
+
+def _directions(
+    vertices: NDArray[np.float64], corners: NDArray[np.float64], moments: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return signs and sign margins (3,) of the coordinate axes of a centred mesh: A.1, A.2."""
-    moments = surface_moments(aligned, order=3)
     third = np.array([moments[3, 0, 0], moments[0, 3, 0], moments[0, 0, 3]])
     spread = np.array([moments[2, 0, 0], moments[0, 2, 0], moments[0, 0, 2]]) / moments[0, 0, 0]
     skewness = third / (moments[0, 0, 0] * np.maximum(spread, TIE_TOLERANCE**2) ** 1.5)
     signs, margins = np.ones(3), np.full(3, np.nan)
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    around = (low <= HIT_TOLERANCE) & (high >= -HIT_TOLERANCE)
     for axis in range(3):
-        heights = _axis_hits(aligned, axis)
+        near = around[axis - 2] & around[axis - 1]  # all others are far from the axis
+        heights = _axis_hits(np.roll(corners[:, :, near], -axis, axis=0))
         upper, lower = np.max(heights, initial=0.0), np.max(-heights, initial=0.0)
         farther = max(upper, lower)
         if len(heights):
@@ -189,7 +243,7 @@ def _directions(aligned: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray[
         elif abs(skewness[axis]) > TIE_TOLERANCE:
             signs[axis] = np.sign(skewness[axis])
         else:
-            signs[axis] = _side_of_first_vertex(aligned.vertices[:, axis])
+            signs[axis] = _side_of_first_vertex(vertices[:, axis])
     return signs, margins
 
 
@@ -198,33 +252,28 @@ def _side_of_first_vertex(heights: NDArray[np.float64]) -> float:
     return float(np.copysign(1.0, off_plane[0]))
 
 
-def _axis_hits(aligned: trimesh.Trimesh, axis: int) -> NDArray[np.float64]:
-    """Return the coordinates at which a coordinate axis meets the surface, in no order.
+def _axis_hits(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the first coordinates at which its axis meets triangles (3, 3, n), in no order.
 
     Faces are seen along the axis: one that has the origin inside is hit; edges and vertices are
     hit if the axis passes within `HIT_TOLERANCE`, so that no hit is lost between two faces or on
     a face seen edge on.
     """
-    vertices = np.asarray(aligned.vertices)
-    heights = vertices[:, axis]
-    flat = np.delete(vertices, axis, axis=1)
-    starts, ends = aligned.faces, np.roll(aligned.faces, -1, axis=1)
-    turns = flat[starts, 0] * flat[ends, 1] - flat[starts, 1] * flat[ends, 0]
-    total = turns.sum(axis=1)
-    inside = ((turns >= 0).all(axis=1) | (turns <= 0).all(axis=1)) & (total != 0)
-    opposite = np.roll(aligned.faces, 1, axis=1)[inside]  # an edge's turn weighs its third corner
-    in_faces = np.einsum("ij,ij->i", turns[inside], heights[opposite]) / total[inside]
+    heights, starts = corners[0], corners[1:]
+    next_heights, ends = np.roll(heights, -1, axis=0), np.roll(starts, -1, axis=1)
+    turns = starts[0] * ends[1] - starts[1] * ends[0]
+    total = turns.sum(axis=0)
+    inside = ((turns >= 0).all(axis=0) | (turns <= 0).all(axis=0)) & (total != 0)
+    opposite = np.roll(heights, 1, axis=0)  # an edge's turn weighs its third corner
+    in_faces = (turns * opposite).sum(axis=0)[inside] / total[inside]
 
-    sides = flat[ends] - flat[starts]
-    squared = np.einsum("ijk,ijk->ij", sides, sides)
-    along = -np.einsum("ijk,ijk->ij", flat[starts], sides)
+    sides = ends - starts
+    squared = (sides**2).sum(axis=0)
+    along = -(starts * sides).sum(axis=0)
     fraction = np.clip(along / np.where(squared > 0, squared, 1.0), 0.0, 1.0)
-    nearest = np.linalg.norm(flat[starts] + fraction[..., None] * sides, axis=2)
-    on_edges = (heights[starts] + fraction * (heights[ends] - heights[starts]))[
-        nearest <= HIT_TOLERANCE
-    ]
-    corners = np.unique(aligned.faces)
-    at_corners = heights[corners][np.linalg.norm(flat[corners], axis=1) <= HIT_TOLERANCE]
+    nearest = np.hypot(*(starts + fraction * sides))
+    on_edges = (heights + fraction * (next_heights - heights))[nearest <= HIT_TOLERANCE]
+    at_corners = heights[np.hypot(*starts) <= HIT_TOLERANCE]
     return np.concatenate([in_faces, on_edges, at_corners])
 
 

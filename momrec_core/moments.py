@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import roots_jacobi
@@ -13,14 +14,20 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import NDArray
 
-__all__ = ["surface_moments", "triangles_of"]
+__all__ = [
+    "areas_of",
+    "corners_of",
+    "gathered_corners",
+    "moments_of_corners",
+    "surface_moments",
+]
 
 POINTS_AT_ONCE = 8192  # so that the powers of one chunk stay in a processor's cache
 PRODUCTS_AT_ONCE = 2048  # BLAS takes narrow products this short in one go, threefold faster
 MAX_ORDER = 64  # beyond it, powers of coordinates say nothing that float64 could hold
 
 
-def triangles_of(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
+def corners_of(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     """Return the corners of a mesh's faces and make sure that they are numbers.
 
     Parameters
@@ -30,8 +37,8 @@ def triangles_of(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
 
     Returns
     -------
-    triangles : array, shape (n, 3, 3)
-        Faces, corners, coordinates; in the mesh's frame and unit. A copy.
+    corners : array, shape (3, 3, n)
+        Coordinates, corners, faces; in the mesh's frame and unit. A copy.
 
     Raises
     ------
@@ -41,13 +48,19 @@ def triangles_of(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     if len(mesh.faces) == 0:
         raise DegenerateShapeError("Expected a mesh with faces, got none")
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    finite = np.all(np.isfinite(vertices), axis=1)
-    if not finite.all():
+    if not np.isfinite(vertices).all():
+        wrong = np.sum(~np.isfinite(vertices).all(axis=1))
         raise DegenerateShapeError(
-            f"Expected finite vertices, got NaN or infinity in {np.sum(~finite)} of {len(vertices)}"
+            f"Expected finite vertices, got NaN or infinity in {wrong} of {len(vertices)}"
         )
-    triangles: NDArray[np.float64] = vertices[np.asarray(mesh.faces)]
-    return triangles
+    return gathered_corners(vertices, mesh.faces)
+
+
+def gathered_corners(
+    vertices: NDArray[np.float64], faces: NDArray[np.integer[Any]]
+) -> NDArray[np.float64]:
+    """Return the corners (3, 3, n) of faces (n, 3): coordinates, corners, faces."""
+    return np.asarray(np.take(np.ascontiguousarray(vertices.T), np.asarray(faces).T, axis=1))
 
 
 def surface_moments(mesh: trimesh.Trimesh, order: int = 5) -> NDArray[np.float64]:
@@ -84,7 +97,11 @@ def surface_moments(mesh: trimesh.Trimesh, order: int = 5) -> NDArray[np.float64
     """
     if not 0 <= order <= MAX_ORDER:
         raise ValueError(f"Expected an order from 0 to {MAX_ORDER}, got {order}")
-    corners = np.ascontiguousarray(triangles_of(mesh).transpose(2, 1, 0))
+    return moments_of_corners(corners_of(mesh), order)
+
+
+def moments_of_corners(corners: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+    """Do the work of `surface_moments` for the corners (3, 3, n) of triangles."""
     barycentric, weights = _conical_product_rule(order)
     faces_at_once = max(1, POINTS_AT_ONCE // len(weights))
     rows = [(i, j) for j in range(order + 1) for i in range(order + 1 - j)]
@@ -93,7 +110,7 @@ def surface_moments(mesh: trimesh.Trimesh, order: int = 5) -> NDArray[np.float64
         for start in range(0, corners.shape[2], faces_at_once):
             chunk = corners[:, :, start : start + faces_at_once]
             points = (barycentric @ chunk).reshape(3, -1)
-            sums += _power_sums(points, np.outer(weights, _areas(chunk)).ravel(), order)
+            sums += _power_sums(points, np.outer(weights, areas_of(chunk)).ravel(), order)
     moments = np.zeros((order + 1,) * 3)
     moments[tuple(np.transpose(rows))] = sums
     moments[np.indices(moments.shape).sum(axis=0) > order] = 0.0
@@ -105,8 +122,8 @@ def surface_moments(mesh: trimesh.Trimesh, order: int = 5) -> NDArray[np.float64
     return moments
 
 
-def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the areas of triangles given as (coordinates, corners, faces)."""
+def areas_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the areas (n,) of triangles given by their corners (3, 3, n)."""
     (ux, uy, uz), (vx, vy, vz) = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas: NDArray[np.float64] = 0.5 * np.sqrt(
         (uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2
@@ -114,8 +131,12 @@ def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return areas
 
 
+@cache
 def _conical_product_rule(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return barycentric points (n, 3) and weights (n,), sum 1, exact up to a degree."""
+    """Return barycentric points (n, 3) and weights (n,), sum 1, exact up to a degree.
+
+    One pair of arrays for each degree, not to be written to.
+    """
     points = degree // 2 + 1
     u, weights_u = roots_jacobi(points, 1.0, 0.0)
     v, weights_v = roots_jacobi(points, 0.0, 0.0)
@@ -123,7 +144,9 @@ def _conical_product_rule(degree: int) -> tuple[NDArray[np.float64], NDArray[np.
     second = (1.0 - first) * np.tile((1.0 + v) / 2.0, points)
     weights = np.outer(weights_u, weights_v).ravel()
     barycentric = np.column_stack([1.0 - first - second, first, second])
-    return barycentric, weights / weights.sum()
+    weights /= weights.sum()
+    barycentric.flags.writeable = weights.flags.writeable = False
+    return barycentric, weights
 
 
 def _power_sums(
