@@ -33,8 +33,8 @@ from momrec_ros.files import (
 )
 from momrec_ros.mask_coverage import mask_coverage
 from momrec_ros.messages import StampedView
-from momrec_ros.replay import Finished, Lost, Replay
 from momrec_ros.report import ResultRow, json_line, rate_table, result_row, result_table
+from momrec_ros.session import Ended, Lost, Result, Session
 from momrec_ros.shared_data import shared_path
 from momrec_ros.terminal import Terminal
 from momrec_ros.training import find_classes, recognition_rates, reconstructed_instances
@@ -104,7 +104,7 @@ class _Sinks:
         self._names: set[str] = set()
         self.rows: list[ResultRow] = []
 
-    def take(self, finished: Finished) -> None:
+    def take(self, finished: Result) -> None:
         result = finished.result
         self.rows.append(result_row(result))
         self._terminal.json(json_line(result))
@@ -162,7 +162,7 @@ def _replay(
         if isinstance(outcome, Lost):
             terminal.lost(outcome.text)
             losses += 1
-        else:
+        elif isinstance(outcome, Result):
             sinks.take(outcome)
     if not sinks.rows:
         raise MomrecError(f"Expected views of an object in {recording.bag}, got no result")
@@ -174,24 +174,27 @@ def _outcomes(
     model: RecognitionModel | None,
     writer: BagWriter | None,
     terminal: Terminal,
-) -> Iterator[Finished | Lost]:
-    replay = Replay(
+) -> Iterator[Result | Ended | Lost]:
+    session = Session(
         model,
         slices=recording.slices,
         min_views=recording.min_views,
         max_objects=recording.max_objects,
         max_views=recording.max_views,
-        object_timeout=recording.object_timeout,
     )
     reader = read_bag(
         recording.bag, projection=recording.projection, world_frame=recording.world_frame
     )
     events = terminal.progress(reader, "replaying", reader.size, lambda: reader.position)
+    now = 0
     for event in events:
-        if writer is not None and isinstance(event, StampedView):
-            writer.write_view(event)
-        yield from replay.feed(event)
-    yield from replay.finish()
+        if isinstance(event, StampedView):
+            now = event.stamp
+            if writer is not None:
+                writer.write_view(event)
+        yield from session.end_overdue(now, recording.object_timeout)
+        yield from session.feed(event, now)
+    yield from session.finish()
     for note in reader.report.notes:
         terminal.say(note)
     for loss in reader.report.losses:

@@ -1,8 +1,33 @@
 """What can be wrong with messages and bags; every message says what was expected and what came."""
 
+from enum import StrEnum
+
 from momrec_core.errors import MomrecError
 
-__all__ = ["BagError", "CdrError", "MessageError"]
+__all__ = ["BagError", "CdrError", "MessageError", "Reason"]
+
+
+class Reason(StrEnum):
+    """Why a view is left out, for counting; the README lists what each is about."""
+
+    ENCODING = "encoding"
+    EMPTY = "empty"
+    ACTION = "action"
+    TYPE = "type"
+    HEADER = "header"
+    NS = "ns"
+    POSE = "pose"
+    QUATERNION = "quaternion"
+    FRAME = "frame"
+    POINTS = "points"
+    PROJECTION = "projection"
+    CONTOUR = "contour"
+    SIZE = "size"
+    PAIR = "pair"
+    CONTRADICTION = "contradiction"
+    EXCESS = "excess"
+    OVERLOAD = "overload"
+    FAULT = "fault"
 
 
 class CdrError(MomrecError):
@@ -14,13 +39,13 @@ class MessageError(MomrecError):
 
     Attributes
     ----------
-    kind : str
-        One word that names the rule, for counting: ``"pose"``, ``"frame"``, ``"points"``, ...
+    reason : Reason
+        The rule, for counting.
     """
 
-    def __init__(self, kind: str, message: str) -> None:
+    def __init__(self, reason: Reason, message: str) -> None:
         super().__init__(message)
-        self.kind = kind
+        self.reason = reason
 
 
 class BagError(MomrecError):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from momrec_core.camera import Camera
 from momrec_core.errors import MomrecError
 from momrec_core.view import View
-from momrec_ros.errors import CdrError, MessageError
+from momrec_ros.errors import CdrError, MessageError, Reason
 from momrec_ros.interfaces import (
     Header,
     Marker,
@@ -90,18 +90,18 @@ class Rejected:
     ----------
     object_id : str
         The object where the message names one, else empty.
-    reason : str
+    text : str
         What was expected and what came.
     stamp : int
         Nanoseconds; 0 where the message has none.
-    kind : str
-        One word that names the rule, for counting.
+    reason : Reason
+        The rule, for counting.
     """
 
     object_id: str
-    reason: str
+    text: str
     stamp: int
-    kind: str = "contour"
+    reason: Reason
 
 
 Event = StampedView | Forget | Rejected
@@ -118,11 +118,11 @@ def pose_from_matrix(matrix: NDArray[np.float64]) -> Pose:
 def _matrix_from_pose(pose: Pose) -> NDArray[np.float64]:
     numbers = np.array([*pose.position, *pose.orientation])
     if not np.isfinite(numbers).all():
-        raise MessageError("pose", f"Expected a finite camera pose, got {pose}")
+        raise MessageError(Reason.POSE, f"Expected a finite camera pose, got {pose}")
     norm = float(np.linalg.norm(numbers[3:]))
     if abs(norm - 1) > NORM_TOLERANCE:
         raise MessageError(
-            "quaternion",
+            Reason.QUATERNION,
             f"Expected a quaternion of norm 1 within {NORM_TOLERANCE}, got {pose.orientation} "
             f"of norm {norm:.6g}",
         )
@@ -134,18 +134,18 @@ def _matrix_from_pose(pose: Pose) -> NDArray[np.float64]:
 
 def _is_central(depths: NDArray[np.float64], projection: str) -> bool:
     """Tell by the points' z whether rays (all z > 0) or plane points (all z = 0) came."""
-    if not np.isfinite(depths).all():
-        raise MessageError("points", "Expected finite points, got NaN or infinity as z")
     flat, central = bool((depths == 0).all()), bool((depths > 0).all())
     if not (flat or central):
         raise MessageError(
-            "projection",
+            Reason.PROJECTION,
             "Expected all z = 0 (orthographic) or all z > 0 (central), got z from "
             f"{depths.min():.6g} to {depths.max():.6g}",
         )
     found = "central" if central else "orthographic"
     if projection not in ("auto", found):
-        raise MessageError("projection", f"Expected {projection} projection, got {found} contours")
+        raise MessageError(
+            Reason.PROJECTION, f"Expected {projection} projection, got {found} contours"
+        )
     return central
 
 
@@ -153,6 +153,13 @@ def _make_view(
     world_from_camera: NDArray[np.float64], rings: Sequence[NDArray[np.floating]], projection: str
 ) -> View:
     points = np.concatenate([np.asarray(ring, np.float64) for ring in rings])
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        raise MessageError(
+            Reason.POINTS,
+            f"Expected finite points, got {points[~finite][0].tolist()} as point "
+            f"{int(np.flatnonzero(~finite)[0])} of {len(points)}",
+        )
     if _is_central(points[:, 2], projection):
         with np.errstate(over="ignore", invalid="ignore"):
             points = points[:, :2] / points[:, 2:]
@@ -163,13 +170,58 @@ def _make_view(
     return View.from_rings(camera, np.split(points[:, :2], ends))
 
 
-def _agree(values: Sequence[object], kind: str) -> None:
+def _agree(values: Sequence[object], field: Reason) -> None:
     for value in values[1:]:
         if value != values[0]:
             raise MessageError(
-                kind,
-                f"Expected one {kind} in all markers of a message, got {values[0]} and {value}",
+                field,
+                f"Expected one {field} in all markers of a message, got {values[0]} and {value}",
             )
+
+
+class _Waiting(Generic[Half]):
+    """Halves of views that wait for the other half, by source and stamp."""
+
+    def __init__(self, name: str, other: str, most: int) -> None:
+        self._name, self._other, self._most = name, other, most
+        self._halves: dict[tuple[str, int], tuple[int, Half]] = {}
+
+    def __len__(self) -> int:
+        return len(self._halves)
+
+    def take(self, key: tuple[str, int]) -> Half | None:
+        _, half = self._halves.pop(key, (0, None))
+        return half
+
+    def put(self, key: tuple[str, int], half: Half, now: int) -> tuple[Rejected, ...]:
+        """Let a half wait; return those that it drives out."""
+        repeated = self._halves.pop(key, None)
+        self._halves[key] = now, half
+        if repeated is not None:
+            return (self._unpaired(key),)
+        if len(self._halves) <= self._most:
+            return ()
+        oldest = next(iter(self._halves))
+        del self._halves[oldest]
+        return (self._unpaired(oldest),)
+
+    def expire(self, now: int, timeout: int) -> tuple[Rejected, ...]:
+        for key, (arrived, half) in self._halves.items():
+            self._halves[key] = min(arrived, now), half
+        late = [key for key, (arrived, _) in self._halves.items() if now - arrived > timeout]
+        for key in late:
+            del self._halves[key]
+        return tuple(map(self._unpaired, late))
+
+    def flush(self) -> tuple[Rejected, ...]:
+        keys = tuple(self._halves)
+        self._halves.clear()
+        return tuple(map(self._unpaired, keys))
+
+    def _unpaired(self, key: tuple[str, int]) -> Rejected:
+        _, stamp = key
+        text = f"Expected a {self._other} with the stamp of the {self._name} ({stamp} ns), got none"
+        return Rejected("", text, stamp, Reason.PAIR)
 
 
 class ViewDecoder:
@@ -202,14 +254,13 @@ class ViewDecoder:
     ) -> None:
         if projection not in PROJECTIONS:
             raise MessageError(
-                "projection", f"Expected one of {', '.join(PROJECTIONS)}, got {projection!r}"
+                Reason.PROJECTION, f"Expected one of {', '.join(PROJECTIONS)}, got {projection!r}"
             )
         self._projection = projection
         self._world_frame = world_frame
         self._max_points = max_points
-        self._max_pending = max_pending
-        self._polygons: dict[tuple[str, int], PolygonStamped] = {}
-        self._poses: dict[tuple[str, int], PoseStamped] = {}
+        self._polygons = _Waiting[PolygonStamped]("contour", "camera_pose", max_pending)
+        self._poses = _Waiting[PoseStamped]("camera_pose", "contour", max_pending)
 
     @property
     def world_frame(self) -> str:
@@ -232,30 +283,32 @@ class ViewDecoder:
         try:
             markers = decode_marker_array(data, MAX_RINGS)
         except CdrError as error:
-            return (Rejected("", str(error), 0, "encoding"),)
+            return (_rejected("", error),)
         rings = [marker for marker in markers if marker.action == MarkerAction.ADD]
         first = next(iter(rings or markers), Marker())
         try:
             if any(marker.action not in tuple(MarkerAction) for marker in markers):
                 actions = sorted({marker.action for marker in markers})
-                raise MessageError("action", f"Expected ADD, DELETE or DELETEALL, got {actions}")
+                raise MessageError(
+                    Reason.ACTION, f"Expected ADD, DELETE or DELETEALL, got {actions}"
+                )
             if rings:
                 return (self._view(rings),)
             if not markers:
-                raise MessageError("empty", "Expected at least one marker, got an empty array")
+                raise MessageError(Reason.EMPTY, "Expected at least one marker, got an empty array")
         except MomrecError as error:
             return (_rejected(first.ns, error, first.header.stamp),)
         forgotten = (marker.ns for marker in markers if marker.action == MarkerAction.DELETEALL)
         return tuple(Forget(ns) for ns in dict.fromkeys(forgotten))
 
     def _view(self, markers: Sequence[Marker]) -> StampedView:
-        _agree([marker.header for marker in markers], "header")
-        _agree([marker.ns for marker in markers], "ns")
-        _agree([marker.pose for marker in markers], "pose")
+        _agree([marker.header for marker in markers], Reason.HEADER)
+        _agree([marker.ns for marker in markers], Reason.NS)
+        _agree([marker.pose for marker in markers], Reason.POSE)
         kinds = {marker.type for marker in markers}
         if kinds != {MarkerType.LINE_STRIP}:
             raise MessageError(
-                "type", f"Expected markers of type LINE_STRIP (4) only, got {sorted(kinds)}"
+                Reason.TYPE, f"Expected markers of type LINE_STRIP (4) only, got {sorted(kinds)}"
             )
         return self._stamped(
             markers[0].ns,
@@ -264,7 +317,7 @@ class ViewDecoder:
             [marker.points for marker in markers],
         )
 
-    def polygon(self, data: bytes, source: str = "") -> tuple[Event, ...]:
+    def polygon(self, data: bytes, source: str = "", now: int = 0) -> tuple[Event, ...]:
         """Read one geometry_msgs/PolygonStamped and pair it with its camera pose.
 
         Parameters
@@ -273,6 +326,8 @@ class ViewDecoder:
             The serialised message.
         source : str
             Name of the camera; halves pair within a source.
+        now : int
+            Time of arrival, nanoseconds, for `expire`.
 
         Returns
         -------
@@ -285,46 +340,44 @@ class ViewDecoder:
         except MomrecError as error:
             return (_rejected("", error),)
         key = source, polygon.header.stamp
-        pose = self._poses.pop(key, None)
+        pose = self._poses.take(key)
         if pose is not None:
             return (self._paired(polygon, pose),)
-        repeated = self._polygons.pop(key, None)
         # A copy, because the points are a view of the whole message.
-        self._polygons[key] = PolygonStamped(polygon.header, polygon.points.copy())
-        return self._dropped(repeated, self._polygons, "contour")
+        own = PolygonStamped(polygon.header, polygon.points.copy())
+        return self._polygons.put(key, own, now)
 
-    def camera_pose(self, data: bytes, source: str = "") -> tuple[Event, ...]:
+    def camera_pose(self, data: bytes, source: str = "", now: int = 0) -> tuple[Event, ...]:
         """Read one geometry_msgs/PoseStamped and pair it with its polygon; see `polygon`."""
         try:
             pose = decode_pose_stamped(data)
         except CdrError as error:
             return (_rejected("", error),)
         key = source, pose.header.stamp
-        polygon = self._polygons.pop(key, None)
+        polygon = self._polygons.take(key)
         if polygon is not None:
             return (self._paired(polygon, pose),)
-        repeated = self._poses.pop(key, None)
-        self._poses[key] = pose
-        return self._dropped(repeated, self._poses, "camera_pose")
+        return self._poses.put(key, pose, now)
+
+    @property
+    def waiting(self) -> int:
+        """How many halves wait for their other half."""
+        return len(self._polygons) + len(self._poses)
+
+    def expire(self, now: int, timeout: int) -> tuple[Rejected, ...]:
+        """Reject the halves that arrived longer ago than a timeout, and forget them.
+
+        Parameters
+        ----------
+        now, timeout : int
+            Nanoseconds. Should the clock have been set back, halves count as arrived now.
+        """
+        return self._polygons.expire(now, timeout) + self._poses.expire(now, timeout)
 
     def flush(self) -> tuple[Rejected, ...]:
         """Reject what still waits for its other half, and forget it."""
-        rejected = [_unpaired(stamp, "contour") for _, stamp in self._polygons]
-        rejected += [_unpaired(stamp, "camera_pose") for _, stamp in self._poses]
-        self._polygons.clear()
-        self._poses.clear()
+        rejected = self._polygons.flush() + self._poses.flush()
         return tuple(sorted(rejected, key=lambda event: event.stamp))
-
-    def _dropped(
-        self, repeated: Half | None, waiting: dict[tuple[str, int], Half], name: str
-    ) -> tuple[Rejected, ...]:
-        if repeated is not None:
-            return (_unpaired(repeated.header.stamp, name),)
-        if len(waiting) <= self._max_pending:
-            return ()
-        oldest = next(iter(waiting))
-        del waiting[oldest]
-        return (_unpaired(oldest[1], name),)
 
     def _paired(self, polygon: PolygonStamped, pose: PoseStamped) -> Event:
         try:
@@ -336,7 +389,7 @@ class ViewDecoder:
         total = sum(len(ring) for ring in rings)
         if total > self._max_points:
             raise MessageError(
-                "size", f"Expected at most {self._max_points} points in a view, got {total}"
+                Reason.SIZE, f"Expected at most {self._max_points} points in a view, got {total}"
             )
 
     def _stamped(
@@ -344,12 +397,14 @@ class ViewDecoder:
     ) -> StampedView:
         self._check_size(rings)
         if sum(len(ring) for ring in rings) == 0:
-            raise MessageError("points", f"Expected points, got {len(rings)} rings without any")
+            raise MessageError(
+                Reason.POINTS, f"Expected points, got {len(rings)} rings without any"
+            )
         if not header.frame_id:
-            raise MessageError("frame", "Expected the name of the world frame, got none")
+            raise MessageError(Reason.FRAME, "Expected the name of the world frame, got none")
         if header.frame_id != (self._world_frame or header.frame_id):
             raise MessageError(
-                "frame",
+                Reason.FRAME,
                 f"Expected the world frame {self._world_frame!r}, got {header.frame_id!r}",
             )
         view = _make_view(_matrix_from_pose(pose), rings, self._projection)
@@ -359,17 +414,10 @@ class ViewDecoder:
 
 def _rejected(object_id: str, error: MomrecError, stamp: int = 0) -> Rejected:
     if isinstance(error, MessageError):
-        kind = error.kind
+        reason = error.reason
     else:
-        kind = "encoding" if isinstance(error, CdrError) else "contour"
-    return Rejected(object_id, str(error), stamp, kind)
-
-
-def _unpaired(stamp: int, name: str) -> Rejected:
-    other = {"contour": "camera_pose", "camera_pose": "contour"}[name]
-    return Rejected(
-        "", f"Expected a {other} with the stamp of the {name} ({stamp} ns), got none", stamp, "pair"
-    )
+        reason = Reason.ENCODING if isinstance(error, CdrError) else Reason.CONTOUR
+    return Rejected(object_id, str(error), stamp, reason)
 
 
 def rings_in_camera(view: View) -> list[NDArray[np.float64]]:

@@ -359,7 +359,7 @@ def test_pairs_of_contour_and_camera_pose_are_read_per_namespace(tmp_path):
     assert stamps(events) == [1, 2, 3, 4]
     assert [event.view.camera.position[2] for event in events[:3]] == [1, 2, 3]
     assert isinstance(events[3], Rejected)
-    assert "camera_pose" in events[3].reason
+    assert "camera_pose" in events[3].text
     assert report.notes == (
         "contours on 2 topics, all of them used: /left/contour, /right/contour",
     )
