@@ -1,4 +1,4 @@
-"""The messages of common_interfaces that momrec meets, and their serialised form.
+"""The messages of common_interfaces and vision_msgs that momrec meets, in serialised form.
 
 Every class holds the fields of one message of ROS 2 Jazzy, in the message's order. Times are
 nanoseconds; arrays of points stay arrays. The meaning of the messages is in `momrec_ros.messages`.
@@ -18,7 +18,10 @@ from momrec_ros.cdr import CdrReader, CdrWriter
 from momrec_ros.errors import CdrError
 
 __all__ = [
+    "BoundingBox3D",
     "CompressedImage",
+    "Detection3D",
+    "Detection3DArray",
     "DiagnosticArray",
     "DiagnosticStatus",
     "Header",
@@ -27,15 +30,18 @@ __all__ = [
     "MarkerAction",
     "MarkerType",
     "MeshFile",
+    "ObjectHypothesisWithPose",
     "PolygonStamped",
     "Pose",
     "PoseStamped",
+    "decode_detection_array",
     "decode_diagnostic_array",
     "decode_marker_array",
     "decode_mesh",
     "decode_polygon_stamped",
     "decode_pose_stamped",
     "decode_string",
+    "encode_detection_array",
     "encode_diagnostic_array",
     "encode_marker",
     "encode_marker_array",
@@ -49,6 +55,8 @@ SECOND = 1_000_000_000  # nanoseconds
 SMALLEST_MARKER = 200  # bytes: less than its fixed fields take, to judge a count by
 SMALLEST_STATUS = 20
 SMALLEST_PAIR = 8
+SMALLEST_DETECTION = 80
+SMALLEST_HYPOTHESIS = 356
 
 
 class MarkerType(IntEnum):
@@ -188,6 +196,54 @@ class DiagnosticArray:
 
     header: Header = Header()
     status: tuple[DiagnosticStatus, ...] = ()
+
+
+@dataclass(frozen=True)
+class ObjectHypothesisWithPose:
+    """vision_msgs/ObjectHypothesisWithPose, with the messages inside it.
+
+    Attributes
+    ----------
+    class_id : str
+        The class label.
+    score : float
+        0 to 1.
+    pose : Pose
+        Of the object.
+    covariance : tuple of 36 floats
+        Of the pose (x, y, z, and rotations about these axes), row by row; zeros for unknown.
+    """
+
+    class_id: str = ""
+    score: float = 0.0
+    pose: Pose = Pose()
+    covariance: tuple[float, ...] = (0.0,) * 36
+
+
+@dataclass(frozen=True)
+class BoundingBox3D:
+    """vision_msgs/BoundingBox3D: pose of its centre, and lengths of its edges in metres."""
+
+    center: Pose = Pose()
+    size: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Detection3D:
+    """vision_msgs/Detection3D; the hypotheses are in ``results``, best first."""
+
+    header: Header = Header()
+    results: tuple[ObjectHypothesisWithPose, ...] = ()
+    bbox: BoundingBox3D = BoundingBox3D()
+    id: str = ""
+
+
+@dataclass(frozen=True)
+class Detection3DArray:
+    """vision_msgs/Detection3DArray."""
+
+    header: Header = Header()
+    detections: tuple[Detection3D, ...] = ()
 
 
 def _read_time(reader: CdrReader, what: str) -> int:
@@ -430,4 +486,58 @@ def encode_diagnostic_array(diagnostics: DiagnosticArray) -> bytes:
     writer.count(len(diagnostics.status))
     for status in diagnostics.status:
         _write_status(writer, status)
+    return writer.finish()
+
+
+def _read_hypothesis(reader: CdrReader) -> ObjectHypothesisWithPose:
+    class_id = reader.string("class_id")
+    numbers = reader.numbers("44d", 8, "score, pose and covariance")
+    return ObjectHypothesisWithPose(
+        class_id, numbers[0], Pose(numbers[1:4], numbers[4:8]), numbers[8:]
+    )
+
+
+def _write_hypothesis(writer: CdrWriter, hypothesis: ObjectHypothesisWithPose) -> None:
+    writer.string(hypothesis.class_id)
+    pose = hypothesis.pose
+    numbers = (hypothesis.score, *pose.position, *pose.orientation, *hypothesis.covariance)
+    writer.numbers("44d", 8, *numbers)
+
+
+def _read_detection(reader: CdrReader) -> Detection3D:
+    header = _read_header(reader, "header")
+    count = reader.count(SMALLEST_HYPOTHESIS, "results")
+    results = tuple(_read_hypothesis(reader) for _ in range(count))
+    numbers = reader.numbers("10d", 8, "bbox")
+    bbox = BoundingBox3D(Pose(numbers[:3], numbers[3:7]), numbers[7:])
+    return Detection3D(header, results, bbox, reader.string("id"))
+
+
+def _write_detection(writer: CdrWriter, detection: Detection3D) -> None:
+    _write_header(writer, detection.header)
+    writer.count(len(detection.results))
+    for hypothesis in detection.results:
+        _write_hypothesis(writer, hypothesis)
+    center, size = detection.bbox.center, detection.bbox.size
+    writer.numbers("10d", 8, *center.position, *center.orientation, *size)
+    writer.string(detection.id)
+
+
+def decode_detection_array(data: bytes) -> Detection3DArray:
+    """Read a vision_msgs/Detection3DArray; `CdrError` if the bytes are not exactly one."""
+    reader = CdrReader(data)
+    header = _read_header(reader, "header")
+    count = reader.count(SMALLEST_DETECTION, "detections")
+    detections = tuple(_read_detection(reader) for _ in range(count))
+    reader.finish()
+    return Detection3DArray(header, detections)
+
+
+def encode_detection_array(array: Detection3DArray) -> bytes:
+    """Write a vision_msgs/Detection3DArray; `CdrError` if a value fits no message."""
+    writer = CdrWriter()
+    _write_header(writer, array.header)
+    writer.count(len(array.detections))
+    for detection in array.detections:
+        _write_detection(writer, detection)
     return writer.finish()
