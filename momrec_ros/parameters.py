@@ -4,20 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 __all__ = [
+    "AUTOSTART",
     "DISTANCE",
+    "INPUT_RELIABILITY",
     "INSTANCES",
     "MARGIN",
     "MAX_FEATURES",
     "MAX_OBJECTS",
     "MAX_VIEWS",
     "MIN_VIEWS",
+    "MODEL",
+    "NODE_PARAMETERS",
     "NOISE",
     "OBJECT_TIMEOUT",
     "ORDER",
+    "PAIR_TIMEOUT",
     "PROJECTION",
+    "PUBLISH_RATE",
+    "PUBLISH_TF",
+    "QUEUE_DEPTH",
     "SEED",
     "SIMULATED_PROJECTION",
     "SLICES",
@@ -27,11 +35,12 @@ __all__ = [
     "WORLD_FRAME",
     "Parameter",
     "Projection",
+    "Reliability",
     "SimulatedProjection",
 ]
 
 
-Value = TypeVar("Value", int, float, str)
+Value = TypeVar("Value", bool, int, float, str)
 
 
 class Projection(StrEnum):
@@ -49,6 +58,13 @@ class SimulatedProjection(StrEnum):
     CENTRAL = "central"
 
 
+class Reliability(StrEnum):
+    """What the node asks of those who publish views."""
+
+    RELIABLE = "reliable"
+    BEST_EFFORT = "best_effort"
+
+
 @dataclass(frozen=True)
 class Parameter(Generic[Value]):
     """One parameter.
@@ -57,12 +73,19 @@ class Parameter(Generic[Value]):
     ----------
     name : str
         With underscores; the command line writes hyphens.
-    default : int, float or str
+    default : bool, int, float or str
         Its type is the parameter's type.
     description : str
         What it does, in one line, and its unit.
     minimum, maximum : int, float or None
         The allowed range, both ends included.
+    choices : tuple of str
+        The allowed values; empty where any value is.
+    live : bool
+        Whether a configured node takes a new value at once; otherwise it does when it is
+        configured next.
+    read_only : bool
+        Whether the node takes it at its start only.
     """
 
     name: str
@@ -70,6 +93,49 @@ class Parameter(Generic[Value]):
     description: str
     minimum: Value | None = None
     maximum: Value | None = None
+    choices: tuple[str, ...] = ()
+    live: bool = False
+    read_only: bool = False
+
+    @property
+    def type_name(self) -> str:
+        """The type as ROS and the README name it."""
+        names = {bool: "bool", int: "integer", float: "double", str: "string"}
+        return names[type(self.default)]
+
+    @property
+    def allowed(self) -> str:
+        """The allowed values, for people; empty where any value of the type is."""
+        if self.choices:
+            return ", ".join(self.choices)
+        return "" if self.minimum is None else f"{self.minimum:g} to {self.maximum:g}"
+
+    def problem_with(self, value: object) -> str:
+        """Return what is wrong with a value, as what was expected and what came; empty if nothing.
+
+        Parameters
+        ----------
+        value : object
+            For a double whole numbers will do.
+        """
+        expected = " of ".join(filter(None, (self.type_name, self.allowed)))
+        return (
+            ""
+            if self._admits(value)
+            else f"expected {self.name} to be {expected}, got {value!r:.80}"
+        )
+
+    def _admits(self, value: Any) -> bool:
+        kinds = (int, float) if isinstance(self.default, float) else type(self.default)
+        if isinstance(value, bool) != isinstance(self.default, bool) or not isinstance(
+            value, kinds
+        ):
+            return False
+        if self.choices:
+            return value in self.choices
+        return (self.minimum is None or value >= self.minimum) and (
+            self.maximum is None or value <= self.maximum
+        )
 
 
 SLICES = Parameter("slices", 64, "Number of slicing planes of each object.", 2, 2048)
@@ -90,16 +156,64 @@ OBJECT_TIMEOUT = Parameter(
     "Seconds without a view after which an object is ended; 0 for never.",
     0.0,
     1e9,
+    live=True,
 )
 PROJECTION = Parameter(
     "projection",
     Projection.AUTO.value,
     "Parallel (z = 0) or central (z > 0) projection of the contours; auto tells by z.",
+    choices=tuple(Projection),
 )
 WORLD_FRAME = Parameter(
     "world_frame",
     "",
     "The fixed frame that views must be in; empty for the frame of the first view.",
+)
+MODEL = Parameter(
+    "model",
+    "",
+    "Path of the model that names the objects; empty: they are not named.",
+)
+PUBLISH_RATE = Parameter(
+    "publish_rate",
+    10.0,
+    "Results published of each object that changes, at most, per second.",
+    0.01,
+    1000.0,
+    live=True,
+)
+PAIR_TIMEOUT = Parameter(
+    "pair_timeout",
+    1.0,
+    "Seconds that a contour waits for its camera_pose, and the other way round.",
+    0.001,
+    3600.0,
+    live=True,
+)
+PUBLISH_TF = Parameter(
+    "publish_tf",
+    True,
+    "Whether principal frames go to /tf as well, where tf2_ros is installed.",
+    live=True,
+)
+INPUT_RELIABILITY = Parameter(
+    "input_reliability",
+    Reliability.RELIABLE.value,
+    "What is asked of publishers of views; best_effort takes both kinds.",
+    choices=tuple(Reliability),
+)
+QUEUE_DEPTH = Parameter(
+    "queue_depth",
+    200,
+    "Messages of each input that wait for the node, at most.",
+    1,
+    100_000,
+)
+AUTOSTART = Parameter(
+    "autostart",
+    True,
+    "Whether the node configures and activates itself at its start.",
+    read_only=True,
 )
 SIMULATED_PROJECTION = Parameter(
     "projection",
@@ -134,3 +248,20 @@ SEED = Parameter("seed", 0, "Seed of all that is drawn at random.", 0, 2**32 - 1
 MAX_FEATURES = Parameter("max_features", 10, "Moments that the model uses at most.", 1, 49)
 ORDER = Parameter("order", 5, "Highest order of the moments.", 2, 5)
 WORKERS = Parameter("workers", 2, "Processes to train with, at most.", 1, 256)
+
+NODE_PARAMETERS: tuple[Parameter[Any], ...] = (
+    MODEL,
+    SLICES,
+    MIN_VIEWS,
+    MAX_VIEWS,
+    MAX_OBJECTS,
+    OBJECT_TIMEOUT,
+    PROJECTION,
+    WORLD_FRAME,
+    PUBLISH_RATE,
+    PAIR_TIMEOUT,
+    PUBLISH_TF,
+    INPUT_RELIABILITY,
+    QUEUE_DEPTH,
+    AUTOSTART,
+)
