@@ -1,7 +1,8 @@
 """Results as messages: what the node publishes and what a result bag carries.
 
 The outputs of one result share its stamp and frame, and are listed in the order in which they
-go out: recognition, principal frame, mesh, normalised mesh, label.
+go out: recognition, principal frame, mesh, normalised mesh, label. The markers for people are
+one message for all objects.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from momrec_ros.interfaces import (
     Header,
     Level,
     Marker,
+    MarkerAction,
     MarkerType,
     Pose,
     PoseStamped,
@@ -33,11 +35,14 @@ from momrec_ros.messages import pose_from_matrix, rings_in_camera
 
 if TYPE_CHECKING:  # bags without results need no scikit-learn
     from momrec_core.recognizer import ObjectResult
+    from momrec_ros.session import Result
 
 __all__ = [
     "RESULT_TYPES",
     "UNKNOWN",
     "Output",
+    "markers_message",
+    "removed_message",
     "result_diagnostics",
     "result_markers",
     "result_messages",
@@ -82,7 +87,7 @@ class Output:
 
 
 def result_messages(result: ObjectResult, stamp: int, frame_id: str) -> list[Output]:
-    """Write everything that is known of an object as messages.
+    """Write everything that is known of an object as messages, but for `markers_message`.
 
     Parameters
     ----------
@@ -112,9 +117,68 @@ def result_messages(result: ObjectResult, stamp: int, frame_id: str) -> list[Out
         "mesh": encode_marker(_mesh_marker(result, header, pose)),
         "normalized_mesh": encode_mesh(canonical.faces, canonical.vertices),
         "label": encode_string(_label(result)),
-        "markers": encode_marker_array(result_markers(result, header)),
     }
-    return [Output(name, RESULT_TYPES[name], data) for name, data in encoded.items()]
+    return [_output(name, data) for name, data in encoded.items()]
+
+
+def markers_message(results: Sequence[Result], *, clear: bool) -> Output:
+    """Write what people look at, of several objects, as one message.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        One an object.
+    clear : bool
+        Whether displays are told to drop first what they show.
+
+    Returns
+    -------
+    output : Output
+        With the markers of `result_markers`, object by object.
+
+    Raises
+    ------
+    CdrError
+        If a stamp or a name fits no message.
+    """
+    headers = [Header(item.stamp, item.frame_id) for item in results]
+    markers = []
+    if clear:
+        latest = max(headers, key=lambda header: header.stamp, default=Header())
+        markers.append(Marker(latest, action=MarkerAction.DELETEALL))
+    for item, header in zip(results, headers, strict=True):
+        markers += result_markers(item.result, header)
+    return _output("markers", encode_marker_array(markers))
+
+
+def removed_message(object_id: str, stamp: int, frame_id: str) -> Output:
+    """Write that an object is no more, for the displays of ``~/mesh``.
+
+    Parameters
+    ----------
+    object_id : str
+        The object's.
+    stamp : int
+        Nanoseconds.
+    frame_id : str
+        Name of the world frame.
+
+    Returns
+    -------
+    output : Output
+        A marker that deletes the one of `result_messages`.
+
+    Raises
+    ------
+    CdrError
+        If the stamp or a name fits no message.
+    """
+    header = Header(stamp, frame_id)
+    return _output("mesh", encode_marker(Marker(header, object_id, action=MarkerAction.DELETE)))
+
+
+def _output(name: str, data: bytes) -> Output:
+    return Output(name, RESULT_TYPES[name], data)
 
 
 def _label(result: ObjectResult) -> str:

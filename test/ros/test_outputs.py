@@ -18,16 +18,28 @@ from momrec_ros.bag import BagError, BagWriter, StampedView, read_bag
 from momrec_ros.interfaces import (
     Header,
     Level,
+    Marker,
+    MarkerAction,
     MarkerType,
     decode_diagnostic_array,
+    decode_marker_array,
     decode_mesh,
     decode_pose_stamped,
     decode_string,
+    encode_marker,
+    encode_marker_array,
 )
-from momrec_ros.outputs import result_diagnostics, result_markers, result_messages
+from momrec_ros.outputs import (
+    markers_message,
+    removed_message,
+    result_diagnostics,
+    result_markers,
+    result_messages,
+)
+from momrec_ros.session import Result
 
 STAMP = 12_000_000_034
-ORDER = ["recognition", "principal_frame", "mesh", "normalized_mesh", "label", "markers"]
+ORDER = ["recognition", "principal_frame", "mesh", "normalized_mesh", "label"]
 
 
 def views_of_a_wedge():
@@ -131,6 +143,34 @@ def test_people_see_axes_label_and_every_contour_where_it_was_seen(named):
     assert len(identities) == 6
 
 
+@pytest.mark.parametrize("clear", [False, True])
+def test_the_markers_of_all_objects_are_one_message_that_may_clear_the_display(named, clear):
+    other = replace(named, object_id="another one")
+    results = [Result(named, STAMP, "world"), Result(other, STAMP + 7, "world")]
+    output = markers_message(results, clear=clear)
+    cleared = [Marker(Header(STAMP + 7, "world"), action=MarkerAction.DELETEALL)]
+    markers = [
+        *(cleared if clear else []),
+        *result_markers(named, Header(STAMP, "world")),
+        *result_markers(other, Header(STAMP + 7, "world")),
+    ]
+    assert (output.name, output.type_name) == ("markers", "visualization_msgs/msg/MarkerArray")
+    assert output.data == encode_marker_array(markers)
+
+
+def test_without_objects_the_markers_only_clear_the_display():
+    (marker,) = decode_marker_array(markers_message([], clear=True).data)
+    assert (marker.action, marker.ns) == (MarkerAction.DELETEALL, "")
+    assert decode_marker_array(markers_message([], clear=False).data) == ()
+
+
+def test_a_removed_object_takes_its_mesh_from_the_displays(named):
+    output = removed_message(named.object_id, STAMP, "world")
+    assert (output.name, output.type_name) == ("mesh", "visualization_msgs/msg/Marker")
+    removed = Marker(Header(STAMP, "world"), "part 7", 0, action=MarkerAction.DELETE)
+    assert output.data == encode_marker(removed)
+
+
 def test_a_result_bag_is_read_by_two_other_implementations_with_equal_values(named, tmp_path):
     path = tmp_path / "results"
     with BagWriter(path) as bag:
@@ -146,7 +186,7 @@ def test_a_result_bag_is_read_by_two_other_implementations_with_equal_values(nam
     with AnyReader([path]) as reader:
         for connection, _, raw in reader.messages():
             by_rosbags[connection.topic] = reader.deserialize(raw, connection.msgtype)
-    topics = {f"/recognizer/{name}" for name in ORDER}
+    topics = {f"/recognizer/{name}" for name in (*ORDER, "markers")}
     assert set(by_mcap) == set(by_rosbags) == {"/contours", *topics}
     triangles = named.mesh.vertices[named.mesh.faces].reshape(-1, 3)
     for found in (by_mcap, by_rosbags):
