@@ -15,6 +15,7 @@ from momrec_core.knots import Knot, KnotError, cap, join_knot
 from momrec_core.layers import Layer, Slab, hole_pairs, match_layers
 from momrec_core.manifolds import double_shared_edges
 from momrec_core.noding import Edges, find_contacts
+from momrec_core.rings import Rings
 from momrec_core.walking import walk_bands
 
 __all__ = ["tile"]
@@ -191,15 +192,16 @@ def _bands(
         As in `Bands`, between the contours' own corners.
     """
     owners: list[tuple[int, tuple[int, int]]] = []
-    below, above = [], []
+    pairs: list[tuple[int, int]] = []
     for index, slab in enumerate(slabs):
         for low, high in slab.pairs:
             holes = hole_pairs(layers[index].pieces[low], layers[index + 1].pieces[high]) or []
             for first, second in [(0, 0), *((a + 1, b + 1) for a, b in holes)]:
                 owners.append((index, (low, high)))
-                below.extend(contours.corners([contours.pieces[index][low][first]]))
-                above.extend(contours.corners([contours.pieces[index + 1][high][second]]))
-    bands = walk_bands(contours.points, below, above)
+                below, above = contours.pieces[index][low], contours.pieces[index + 1][high]
+                pairs.append((below[first], above[second]))
+    rings = Rings(contours.points, contours.first)
+    bands = walk_bands(rings, np.array(pairs, dtype=np.int64).reshape(-1, 2))
     poor = {owners[band] for band in np.flatnonzero(bands.is_poor)}
     for index, (low, high) in poor:
         slabs[index].pairs.remove((low, high))

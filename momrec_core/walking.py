@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
-from scipy.spatial.distance import cdist
+
+from momrec_core.rings import Rings, number_within
 
 __all__ = ["Bands", "walk_bands"]
 
@@ -15,34 +17,6 @@ VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
 DOUBTFUL_MISFIT = 0.15  # bands above are worth the second look
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
 MAX_GRID = 4_000_000  # cells: bands above keep the greedy walk, so that memory is bounded
-
-
-@dataclass(frozen=True, eq=False)
-class _Paths:
-    """Closed contours, unrolled from their starts, one behind the other.
-
-    Attributes
-    ----------
-    vertices : array of int
-        Vertex indices; each contour is followed by its first vertex twice, so that the walk may
-        look one step past its end.
-    first, counts : array of int, shape (bands,)
-        Where each contour begins, and its number of edges.
-    """
-
-    vertices: NDArray[np.int64]
-    first: NDArray[np.int64]
-    counts: NDArray[np.int64]
-
-    @classmethod
-    def unroll(cls, contours: list[NDArray[np.int64]], starts: NDArray[np.int64]) -> _Paths:
-        pieces = []
-        for contour, start in zip(contours, starts, strict=True):
-            rolled = np.roll(contour, -start)
-            pieces.append(np.concatenate([rolled, rolled[[0, 0]]]))
-        counts = np.array([len(contour) for contour in contours])
-        first = np.concatenate([[0], np.cumsum(counts + 2)[:-1]])
-        return cls(np.concatenate(pieces), first, counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,19 +39,15 @@ class Bands:
     is_poor: NDArray[np.bool_]
 
 
-def walk_bands(
-    points: NDArray[np.float64],
-    below: list[NDArray[np.int64]],
-    above: list[NDArray[np.int64]],
-) -> Bands:
+def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     """Join pairs of contours by bands of triangles.
 
     Parameters
     ----------
-    points : array, shape (n, 3)
-        Positions of all vertices in the planes' frame.
-    below, above : list of array of int
-        Vertex indices around each contour; both of a pair wound the same way.
+    rings : Rings
+        Contours in the planes' frame, shape (n, 3).
+    pairs : array of int, shape (bands, 2)
+        The contours below and above; both of a pair wound the same way.
 
     Returns
     -------
@@ -99,230 +69,338 @@ def walk_bands(
     polygonal element mosaics, 1978 (reference 18 of the paper). H. Fuchs, Z. M. Kedem and
     S. P. Uselton, Optimal surface reconstruction from planar contours, 1977.
     """
-    if not below:
+    if len(pairs) == 0:
         none = np.empty(0, dtype=np.int64)
         return Bands(none.reshape(0, 3), none, none.astype(bool))
-    starts = np.array(
-        [_nearest(points[low], points[high]) for low, high in zip(below, above, strict=True)]
-    )
-    paths = _Paths.unroll(below, starts[:, 0]), _Paths.unroll(above, starts[:, 1])
-    triangles, bands, rises = _walk(points[:, :2], *paths)
-    expected = _expectations(points, below, above)
-    misfits = _misfits(points[triangles], bands, expected)
-    large = paths[0].counts * paths[1].counts > MAX_GRID
-    doubtful = (misfits > DOUBTFUL_MISFIT) | _pinched(bands, rises)
-    parts, numbers = [], []
-    for band in np.flatnonzero(doubtful & ~large):
-        best, misfits[band] = _best_band(points, below[band], above[band], expected[band])
+    walks = _walk(rings, pairs, _nearest(rings, pairs, np.zeros((len(pairs), 2))))
+    expected = _Expectations.of(rings, pairs)
+    triangles, bands = walks.triangles(rings)
+    misfits = _misfits(rings.points[triangles], bands, expected)
+    small = rings.counts[pairs].prod(axis=1) <= MAX_GRID
+    doubtful = np.flatnonzero(small & ((misfits > DOUBTFUL_MISFIT) | walks.are_pinched()))
+    kept = ~np.isin(bands, doubtful)
+    parts, numbers = [triangles[kept]], [bands[kept]]
+    if len(doubtful):
+        best, owners, misfits[doubtful] = _best_bands(rings, pairs[doubtful], expected[doubtful])
         parts.append(best)
-        numbers.append(np.full(len(best), band))
-    kept = ~np.isin(bands, np.flatnonzero(doubtful & ~large))
-    return Bands(
-        np.concatenate([triangles[kept], *parts]),
-        np.concatenate([bands[kept], *numbers]),
-        misfits > POOR_MISFIT + np.array([it.slant for it in expected]),
-    )
+        numbers.append(doubtful[owners])
+    is_poor = misfits > POOR_MISFIT + expected.slant
+    return Bands(np.concatenate(parts), np.concatenate(numbers), is_poor)
 
 
-@dataclass(frozen=True)
-class _Expectation:
-    """What two contours and their distance suggest of the band between them.
+@dataclass(frozen=True, eq=False)
+class _Walks:
+    """Bands as walks around both their contours.
 
     Attributes
     ----------
-    area : float
+    pairs : array of int, shape (bands, 2)
+        The contours below and above.
+    starts : array of int, shape (bands, 2)
+        At which of their vertices the walks begin and end.
+    steps : array of int, shape (bands,)
+        How many steps each walk has: the number of edges of both contours.
+    rises : array of bool, shape (sum of steps,)
+        Walk by walk, True for a step below and False for one above.
+    """
+
+    pairs: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    steps: NDArray[np.int64]
+    rises: NDArray[np.bool_]
+
+    def triangles(self, rings: Rings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the triangles, as in `Bands`, and the band of each."""
+        bands, positions = number_within(self.steps)
+        before: NDArray[np.int64] = np.cumsum(self.rises) - self.rises
+        taken: NDArray[np.int64] = before - before[np.cumsum(self.steps) - self.steps][bands]
+        corners = []
+        for side, passed in enumerate((taken, positions - taken)):
+            ring = self.pairs[:, side]
+            place = (self.starts[bands, side] + passed) % rings.counts[ring][bands]
+            corners.append(rings.first[ring][bands] + place)
+        third = rings.following[np.where(self.rises, *corners)]
+        return np.column_stack([corners[0], third, corners[1]]), bands
+
+    def are_pinched(self) -> NDArray[np.bool_]:
+        """Tell which walks go around one contour in one go, and so use an edge across twice."""
+        ends = np.cumsum(self.steps)
+        following = np.roll(self.rises, -1)
+        following[ends - 1] = self.rises[ends - self.steps]
+        falls = np.add.reduceat(self.rises & ~following, ends - self.steps, dtype=np.int64)
+        return np.asarray(falls == 1)
+
+
+def _nearest(
+    rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Return at which vertices two contours are nearest to each other, the one above shifted back.
+
+    One tree holds all contours above, each in a plane of its own and out of the others' reach.
+
+    Returns
+    -------
+    starts : array of int, shape (bands, 2)
+        Places in the contours, from 0.
+    """
+    low, low_bands = rings.around(pairs[:, 0])
+    high, high_bands = rings.around(pairs[:, 1])
+    above = rings.points[high, :2] - shifts[high_bands]
+    below = rings.points[low, :2]
+    reach = 2 * np.ptp(np.concatenate([below, above]), axis=0).sum() + 1
+    tree = KDTree(np.column_stack([above, reach * high_bands]))
+    distances, partners = tree.query(np.column_stack([below, reach * low_bands]))
+    order = np.lexsort([distances, low_bands])
+    best = order[np.searchsorted(low_bands, np.arange(len(pairs)))]
+    return np.column_stack([low[best], high[partners[best]]]) - rings.first[pairs]
+
+
+def _in_step(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Order walks so that, at each step, those not yet at their ends are the first ones.
+
+    Returns
+    -------
+    order : array of int, shape (bands,)
+        The longest walks first.
+    active : array of int, shape (longest walk,)
+        How many of them take each step.
+    """
+    order = np.argsort(-steps, kind="stable")
+    return order, np.searchsorted(-steps[order], -np.arange(steps.max()))
+
+
+def _walk(rings: Rings, pairs: NDArray[np.int64], starts: NDArray[np.int64]) -> _Walks:
+    """Walk along all bands in step, by shortest diagonals."""
+    steps = rings.counts[pairs].sum(axis=1)
+    order, active = _in_step(steps)
+    (low, at_low), (high, at_high) = (
+        _unrolled(rings, pairs[order, side], starts[order, side]) for side in (0, 1)
+    )
+    taken = np.empty((len(active), len(pairs)), dtype=bool)
+    for step, count in enumerate(active):
+        row, column = at_low[:count], at_high[:count]
+        rises = np.less_equal(
+            np.abs(low[row + 1] - high[column]),
+            np.abs(low[row] - high[column + 1]),
+            out=taken[step, :count],
+        )
+        row += rises
+        column += ~rises
+    bands, positions = number_within(steps)
+    ranks = np.empty_like(order)
+    ranks[order] = np.arange(len(order))
+    return _Walks(pairs, starts, steps, taken[positions, ranks[bands]])
+
+
+def _unrolled(
+    rings: Rings, chosen: NDArray[np.int64], starts: NDArray[np.int64]
+) -> tuple[NDArray[np.complex128], NDArray[np.int64]]:
+    """Return paths around contours as complex numbers, one behind the other.
+
+    Each ends where it starts, and is followed by a point at infinity, which no diagonal reaches.
+
+    Returns
+    -------
+    paths : array of complex
+    first : array of int, shape (contours,)
+        Where each path begins.
+    """
+    counts = rings.counts[chosen] + 2
+    owners, positions = number_within(counts)
+    vertices = rings.first[chosen][owners] + (starts[owners] + positions) % (counts[owners] - 2)
+    paths = rings.points[vertices, 0] + 1j * rings.points[vertices, 1]
+    ends = np.cumsum(counts)
+    paths[ends - 1] = np.inf
+    return paths, ends - counts
+
+
+@dataclass(frozen=True, eq=False)
+class _Expectations:
+    """What pairs of contours and their distances suggest of the bands between them.
+
+    Attributes
+    ----------
+    area : array, shape (bands,)
         Of the band, were one contour the other's image, scaled.
-    slant : float
+    slant : array, shape (bands,)
         What a shift from one centroid to the other would add to the area, relatively.
-    volume : float
+    volume : array, shape (bands,)
         Between the contours; negative for holes.
-    base : float
+    base : array, shape (bands,)
         What the caps contribute to the volume, see `_misfits`.
-    shift : array, shape (2,)
+    shift : array, shape (bands, 2)
         From the centroid below to the one above.
     """
 
-    area: float
-    slant: float
-    volume: float
-    base: float
+    area: NDArray[np.float64]
+    slant: NDArray[np.float64]
+    volume: NDArray[np.float64]
+    base: NDArray[np.float64]
     shift: NDArray[np.float64]
 
+    @classmethod
+    def of(cls, rings: Rings, pairs: NDArray[np.int64]) -> _Expectations:
+        low, high = pairs.T
+        bottom, top = rings.points[rings.first[low], 2], rings.points[rings.first[high], 2]
+        area1, area2 = rings.areas[low], rings.areas[high]
+        shift = rings.centroids[high] - rings.centroids[low]
+        height = top - bottom
+        upright = height * (rings.lengths[low] + rings.lengths[high]) / 2
+        edges = np.concatenate([np.column_stack(rings.around(side)) for side in (low, high)])
+        (x, y), (shift_x, shift_y) = rings.edges[edges[:, 0]].T, shift[edges[:, 1]].T
+        sides = np.hypot(height[edges[:, 1]] * np.hypot(x, y), x * shift_y - y * shift_x)
+        slanted = np.bincount(edges[:, 1], weights=sides) / 2
+        area = np.hypot(upright, area2 - area1)
+        mean = (area1 + area2 + np.sign(area1) * np.sqrt(area1 * area2)) / 3
+        slant = np.hypot(slanted, area2 - area1) / area - 1
+        return cls(area, slant, height * mean, top * area2 - bottom * area1, shift)
 
-def _expectations(
-    points: NDArray[np.float64], below: list[NDArray[np.int64]], above: list[NDArray[np.int64]]
-) -> list[_Expectation]:
-    measures = {}
-    for contour in (*below, *above):
-        if id(contour) not in measures:
-            measures[id(contour)] = _measure(points[contour, :2])
-    expected = []
-    for low, high in zip(below, above, strict=True):
-        (edges1, area1, centroid1), (edges2, area2, centroid2) = (
-            measures[id(contour)] for contour in (low, high)
+    def __getitem__(self, chosen: NDArray[np.int64]) -> _Expectations:
+        return _Expectations(
+            self.area[chosen],
+            self.slant[chosen],
+            self.volume[chosen],
+            self.base[chosen],
+            self.shift[chosen],
         )
-        bottom, top = points[low[0], 2], points[high[0], 2]
-        shift = centroid2 - centroid1
-        upright = (top - bottom) * np.hypot(*np.concatenate([edges1, edges2]).T)
-        aside = np.concatenate([edges1, edges2]) @ (-shift[1], shift[0])
-        volume = (top - bottom) * (area1 + area2 + np.sign(area1) * np.sqrt(area1 * area2)) / 3
-        area, slanted = (
-            float(np.hypot(sides.sum() / 2, area2 - area1))
-            for sides in (upright, np.hypot(upright, aside))
-        )
-        base = top * area2 - bottom * area1
-        expected.append(_Expectation(area, slanted / area - 1, volume, base, shift))
-    return expected
-
-
-def _measure(
-    contour: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
-    """Return the edges of a contour, its signed area and its centroid."""
-    middle = contour.mean(axis=0)
-    starts = contour - middle
-    ends = np.roll(starts, -1, axis=0)
-    crosses = starts[:, 0] * ends[:, 1] - starts[:, 1] * ends[:, 0]
-    area = crosses.sum() / 2
-    return ends - starts, area, middle + crosses @ (starts + ends) / (6 * area)
 
 
 def _misfits(
-    corners: NDArray[np.float64], bands: NDArray[np.int64], expected: list[_Expectation]
+    corners: NDArray[np.float64], bands: NDArray[np.int64], expected: _Expectations
 ) -> NDArray[np.float64]:
     """Return, per band, how much area and volume exceed or miss what is expected, relatively.
 
     The volume is the flux of (0, 0, z) through the band and the caps at both ends.
     """
-    first, second, third = corners.transpose(1, 0, 2)
-    normals = np.cross(second - first, third - first) / 2
-    areas = np.bincount(bands, weights=np.linalg.norm(normals, axis=1))
-    fluxes = np.bincount(bands, weights=corners[:, :, 2].mean(axis=1) * normals[:, 2])
-    area, volume, base = np.array([(it.area, it.volume, it.base) for it in expected]).T
-    excess = np.maximum(areas / area - 1, 0.0)
-    return np.asarray(excess + VOLUME_WEIGHT * np.abs((fluxes + base) / volume - 1))
+    (x1, y1, z1), (x2, y2, z2) = (corners[:, 1:] - corners[:, :1]).transpose(1, 2, 0)
+    upward = (x1 * y2 - y1 * x2) / 2
+    aside = np.hypot(y1 * z2 - z1 * y2, z1 * x2 - x1 * z2) / 2
+    areas = np.bincount(bands, weights=np.hypot(upward, aside))
+    fluxes = np.bincount(bands, weights=corners[:, :, 2].mean(axis=1) * upward)
+    excess = np.maximum(areas / expected.area - 1, 0.0)
+    lack = np.abs((fluxes + expected.base) / expected.volume - 1)
+    return np.asarray(excess + VOLUME_WEIGHT * lack)
 
 
-def _best_band(
-    points: NDArray[np.float64],
-    below: NDArray[np.int64],
-    above: NDArray[np.int64],
-    expected: _Expectation,
-) -> tuple[NDArray[np.int64], float]:
-    """Return the best of the least bands between two contours, and its misfit."""
+def _best_bands(
+    rings: Rings, pairs: NDArray[np.int64], expected: _Expectations
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return the best of the least bands between contours, their bands, and their misfits."""
     candidates = []
-    for shift in (np.zeros(2), expected.shift):
-        back = np.append(shift, 0.0)
-        row, column = _nearest(points[below], points[above] - back)
-        low, high = (np.roll(below, -row), np.roll(above, -column))
-        low, high = np.append(low, low[0]), np.append(high, high[0])
-        steps = _least_steps(points[low], points[high] - back)
-        rows = np.concatenate([[0], np.cumsum(steps)])
-        columns = np.arange(len(rows)) - rows
-        third = np.where(steps, low[rows[1:]], high[columns[1:]])
-        candidates.append(np.column_stack([low[rows[:-1]], third, high[columns[:-1]]]))
-    single = np.zeros(len(below) + len(above), dtype=np.int64)
-    misfits = [_misfits(points[it], single, [expected])[0] for it in candidates]
-    best = int(np.argmin(misfits))
-    return candidates[best], float(misfits[best])
+    for shifts in (np.zeros_like(expected.shift), expected.shift):
+        triangles, bands = _least_walks(rings, pairs, shifts).triangles(rings)
+        misfits = _misfits(rings.points[triangles], bands, expected)
+        candidates.append((triangles, bands, misfits))
+    (first, bands, misfits), (second, _, others) = candidates
+    best = np.where((misfits <= others)[bands, None], first, second)
+    return best, bands, np.minimum(misfits, others)
 
 
-def _nearest(low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[int, int]:
-    """Return where in two contours the vertices are that lie nearest to each other."""
-    if len(low) * len(high) > MAX_GRID:
-        distances, partners = KDTree(high[:, :2]).query(low[:, :2])
-        row = int(np.argmin(distances))
-        return row, int(partners[row])
-    squares = cdist(low[:, :2], high[:, :2], "sqeuclidean")
-    row, column = divmod(int(np.argmin(squares)), len(high))
-    return row, column
+def _least_walks(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
+    """Find the bands of the least area, with the contours above shifted back."""
+    starts = _nearest(rings, pairs, shifts)
+    steps = rings.counts[pairs].sum(axis=1)
+    ends = np.cumsum(steps)
+    rises = np.empty(ends[-1], dtype=bool)
+    for batch in _batches(rings.counts[pairs]):
+        low, high = (_padded(rings, pairs[batch, side], starts[batch, side]) for side in (0, 1))
+        high[..., :2] -= shifts[batch]
+        for band, walk in zip(
+            batch, _least_rises(low, high, rings.counts[pairs[batch]]), strict=True
+        ):
+            rises[ends[band] - steps[band] : ends[band]] = _unpinched(walk)
+    return _Walks(pairs, starts, steps, rises)
 
 
-def _walk(
-    plane: NDArray[np.float64], low: _Paths, high: _Paths
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-    """Return all bands' triangles by shortest diagonals, their bands, and which step below."""
-    low_at, high_at = low.first.copy(), high.first.copy()
-    low_end, high_end = low.first + low.counts, high.first + high.counts
-    active = np.arange(len(low.counts))
-    triangles, bands, rises = [], [], []
-    while len(active):
-        at1, at2 = low_at[active], high_at[active]
-        here1, next1 = low.vertices[at1], low.vertices[at1 + 1]
-        here2, next2 = high.vertices[at2], high.vertices[at2 + 1]
-        diagonal1 = ((plane[next1] - plane[here2]) ** 2).sum(axis=1)
-        diagonal2 = ((plane[here1] - plane[next2]) ** 2).sum(axis=1)
-        ended1, ended2 = at1 == low_end[active], at2 == high_end[active]
-        step_below = ended2 | (~ended1 & (diagonal1 <= diagonal2))
-        triangles.append(np.column_stack([here1, np.where(step_below, next1, next2), here2]))
-        bands.append(active)
-        rises.append(step_below)
-        low_at[active] += step_below
-        high_at[active] += ~step_below
-        active = active[(low_at[active] < low_end[active]) | (high_at[active] < high_end[active])]
-    return np.concatenate(triangles), np.concatenate(bands), np.concatenate(rises)
+def _batches(counts: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+    """Divide bands into batches of similar size that keep memory bounded."""
+    octaves = np.ceil(np.log2(counts.max(axis=1))).astype(np.int64)
+    for octave in np.unique(octaves):
+        members = np.flatnonzero(octaves == octave)
+        parts = -(-len(members) * 4 ** int(octave) // MAX_GRID)
+        yield from np.array_split(members, min(parts, len(members)))
 
 
-def _pinched(bands: NDArray[np.int64], rises: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tell which bands run around one contour in one go, and so use an edge across twice."""
-    order = np.argsort(bands, kind="stable")
-    sorted_bands, sorted_rises = bands[order], rises[order]
-    last = np.flatnonzero(np.diff(sorted_bands, append=-1))
-    following = np.roll(sorted_rises, -1)
-    following[last] = sorted_rises[np.concatenate([[0], last[:-1] + 1])]
-    return np.asarray(np.bincount(sorted_bands, weights=sorted_rises & ~following) == 1)
+def _padded(
+    rings: Rings, chosen: NDArray[np.int64], starts: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return paths around contours from their starts and back, shape (longest, contours, 3)."""
+    counts = rings.counts[chosen]
+    places = (starts + np.arange(counts.max() + 1)[:, None]) % counts
+    return np.asarray(rings.points[rings.first[chosen] + places])
 
 
-def _least_steps(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Find the band of the least area between two closed paths that start side by side.
+def _least_rises(
+    low: NDArray[np.float64], high: NDArray[np.float64], counts: NDArray[np.int64]
+) -> list[NDArray[np.bool_]]:
+    """Find the bands of the least area between pairs of closed paths that start side by side.
 
-    Row i, column j of the table is the least area up to step i below and j above. A row follows
-    from the one before at once, as the least of all ways to step up and then along.
+    Row i, column j of a band's table is the least area up to step i below and j above. A row
+    follows from the one before at once, as the least of all ways to step up and then along.
+
+    Parameters
+    ----------
+    low, high : array, shape (longest path, bands, 3)
+        The paths, ending where they start; what comes behind has no bearing.
+    counts : array of int, shape (bands, 2)
+        Number of edges of each path.
 
     Returns
     -------
-    steps : array of bool, shape (m,)
+    rises : list of array of bool
         True for a step along the path below, False for one above.
     """
     rises = _areas_over_edges(low, high)
-    runs = _areas_over_edges(high, low).T
-    along = np.concatenate([np.zeros((len(low), 1)), np.cumsum(runs, axis=1)], axis=1)
-    least = along.copy()
+    runs = _areas_over_edges(high, low).transpose(2, 1, 0)
+    least = np.zeros((len(low), low.shape[1], len(high)))
+    np.cumsum(runs, axis=2, out=least[:, :, 1:])
     for row in range(1, len(low)):
-        least[row] += np.minimum.accumulate(least[row - 1] + rises[row - 1] - along[row])
-    return _unpinched(_backtrack(least, rises, runs))
+        step_up = least[row - 1] + rises[row - 1] - least[row]
+        least[row] += np.minimum.accumulate(step_up, axis=1)
+    is_rise = np.zeros(least.shape, dtype=bool)
+    is_rise[1:, :, 0] = True
+    is_rise[1:, :, 1:] = least[:-1, :, 1:] + rises[:, :, 1:] <= least[1:, :, :-1] + runs[1:]
+    return _trace_back(is_rise, counts)
 
 
 def _areas_over_edges(
-    path: NDArray[np.float64], apexes: NDArray[np.float64]
+    paths: NDArray[np.float64], apexes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the areas of the triangles over each edge of a path to apexes of another plane."""
-    edges = np.diff(path[:, :2], axis=0)
-    across = np.column_stack([-edges[:, 1], edges[:, 0]])
-    beside = across @ apexes[:, :2].T - (across * path[:-1, :2]).sum(axis=1)[:, None]
-    upright = (apexes[0, 2] - path[0, 2]) * np.hypot(*edges.T)
-    return np.asarray(np.hypot(beside, upright[:, None]) / 2)
+    """Return the areas of triangles over each edge of paths to apexes of another plane.
+
+    Returns
+    -------
+    areas : array, shape (edges, bands, apexes)
+    """
+    x, y, _ = np.diff(paths, axis=0).transpose(2, 0, 1)[..., None]
+    apex_x, apex_y, top = apexes.transpose(2, 1, 0)
+    beside = x * apex_y - y * apex_x - (x * paths[:-1, :, 1:2] - y * paths[:-1, :, :1])
+    upright = (top[:, :1] - paths[0, :, 2:]) * np.hypot(x, y)
+    return np.asarray(np.sqrt(beside**2 + upright**2) / 2)
 
 
-def _backtrack(
-    least: NDArray[np.float64], rises: NDArray[np.float64], runs: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Return the steps of the least way through the table, True for a step below."""
-    row, column = np.array(least.shape) - 1
-    steps = []
-    while row or column:
-        by_rise = least[row - 1, column] + rises[row - 1, column] if row else np.inf
-        by_run = least[row, column - 1] + runs[row, column - 1] if column else np.inf
-        steps.append(bool(by_rise <= by_run))
-        row, column = (row - 1, column) if steps[-1] else (row, column - 1)
-    return np.array(steps[::-1])
+def _trace_back(is_rise: NDArray[np.bool_], counts: NDArray[np.int64]) -> list[NDArray[np.bool_]]:
+    """Follow the least ways back through their tables, shape (rows, bands, columns)."""
+    _, bands, columns = is_rise.shape
+    steps = counts.sum(axis=1)
+    order, active = _in_step(steps)
+    cells = (counts[:, 0] * bands + np.arange(bands)) * columns + counts[:, 1]
+    cells = cells[order]
+    taken = np.empty((len(active), bands), dtype=bool)
+    for step, count in enumerate(active):
+        cell = cells[:count]
+        taken[step, :count] = is_rise.ravel()[cell]
+        cell -= np.where(taken[step, :count], bands * columns, 1)
+    walks = np.empty_like(taken)
+    walks[:, order] = taken
+    return [walks[:count, band][::-1] for band, count in enumerate(steps)]
 
 
-def _unpinched(steps: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _unpinched(rises: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Exchange two steps where one contour is run around in one go."""
-    turns = np.flatnonzero(steps[1:] != steps[:-1])
-    if len(turns) + (steps[0] != steps[-1]) > 2:
-        return steps
+    turns = np.flatnonzero(rises[1:] != rises[:-1])
+    if len(turns) + (rises[0] != rises[-1]) > 2:
+        return rises
     turn = turns[0]
-    steps[[turn, turn + 1]] = steps[[turn + 1, turn]]
-    return steps
+    rises[[turn, turn + 1]] = rises[[turn + 1, turn]]
+    return rises

@@ -1,0 +1,107 @@
+"""Closed contours kept one behind the other in one array, so that all are measured at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Rings", "number_within"]
+
+
+def number_within(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Count off the members of groups that stand one behind the other.
+
+    Parameters
+    ----------
+    counts : array of int, shape (g,)
+        Size of each group.
+
+    Returns
+    -------
+    groups, positions : array of int, shape (sum of counts,)
+        The group of each member and its place in it, from 0.
+    """
+    groups = np.repeat(np.arange(len(counts)), counts)
+    return groups, np.arange(len(groups)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+@dataclass(frozen=True, eq=False)
+class Rings:
+    """Closed contours, one behind the other.
+
+    Attributes
+    ----------
+    points : array, shape (n, d)
+        Their vertices; the first is not repeated at the end.
+    first : array of int, shape (rings + 1,)
+        Where each contour begins, and where the last one ends; none is without vertices.
+    """
+
+    points: NDArray[np.float64]
+    first: NDArray[np.int64]
+
+    @cached_property
+    def counts(self) -> NDArray[np.int64]:
+        """Number of vertices of each contour."""
+        return np.diff(self.first)
+
+    @cached_property
+    def following(self) -> NDArray[np.int64]:
+        """The vertex after each one."""
+        following = np.arange(1, len(self.points) + 1)
+        following[self.first[1:] - 1] = self.first[:-1]
+        return following
+
+    @cached_property
+    def edges(self) -> NDArray[np.float64]:
+        """Vectors in the plane from each vertex to the one after it, shape (n, 2)."""
+        plane = self.points[:, :2]
+        return plane[self.following] - plane
+
+    @cached_property
+    def lengths(self) -> NDArray[np.float64]:
+        """Length of each contour."""
+        return self.total(np.hypot(*self.edges.T))
+
+    @cached_property
+    def areas(self) -> NDArray[np.float64]:
+        """Signed area of each contour, positive where it runs counter-clockwise."""
+        return self._moments[0]
+
+    @cached_property
+    def centroids(self) -> NDArray[np.float64]:
+        """Centroid of what each contour encloses, shape (rings, 2)."""
+        return self._moments[1]
+
+    @cached_property
+    def _moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        middles = self.total(self.points[:, :2]) / self.counts[:, None]
+        starts = self.points[:, :2] - np.repeat(middles, self.counts, axis=0)
+        ends = starts[self.following]
+        crosses = starts[:, 0] * ends[:, 1] - starts[:, 1] * ends[:, 0]
+        areas = self.total(crosses) / 2
+        weighted = self.total(crosses[:, None] * (starts + ends))
+        return areas, middles + weighted / (6 * areas[:, None])
+
+    def total(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Add up, for each contour, one value per vertex."""
+        return np.asarray(np.add.reduceat(values, self.first[:-1], axis=0))
+
+    def around(self, rings: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the vertices around several contours, and for each the place of its contour.
+
+        Parameters
+        ----------
+        rings : array of int, shape (k,)
+            Contours, in any order, repeated or not.
+
+        Returns
+        -------
+        vertices, places : array of int
+            ``rings[places[i]]`` is the contour of vertex i.
+        """
+        places, positions = number_within(self.counts[rings])
+        return self.first[rings][places] + positions, places
