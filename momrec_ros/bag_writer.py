@@ -217,7 +217,7 @@ class BagWriter:
         CdrError, BagError
             If the stamp or a name fits no message.
         """
-        markers = markers_message([Result(result, stamp, frame_id)], clear=False)
+        markers = markers_message([Result(result, stamp, frame_id)])
         for output in (*result_messages(result, stamp, frame_id), markers):
             self._write(f"/{NODE_NAME}/{output.name}", output.type_name, stamp, output.data)
 

@@ -183,12 +183,13 @@ class CdrWriter:
     """Writes primitives one after the other, little endian, as ROS 2 does."""
 
     def __init__(self) -> None:
-        self._parts: list[bytes] = [HEADER_LITTLE_ENDIAN]
+        self._parts: list[bytes | memoryview] = [HEADER_LITTLE_ENDIAN]
         self._position = 0
 
-    def _append(self, content: bytes, alignment: int) -> None:
+    def _append(self, content: bytes | memoryview, alignment: int) -> None:
         gap = -self._position % alignment
-        self._parts.append(PADDING * gap)
+        if gap:
+            self._parts.append(PADDING * gap)
         self._parts.append(content)
         self._position += gap + len(content)
 
@@ -224,8 +225,7 @@ class CdrWriter:
             raise CdrError(f"Expected text that UTF-8 can hold, got {text!r:.80}") from error
         if 0 in content:
             raise CdrError(f"Expected text without NUL, got {text!r:.80}")
-        self.count(len(content) + 1)
-        self._append(content + b"\x00", 1)
+        self._append(struct.pack("<I", len(content) + 1) + content + b"\x00", 4)
 
     def octets(self, content: bytes) -> None:
         """Write a sequence of bytes."""
@@ -247,16 +247,22 @@ class CdrWriter:
         if given.ndim != 2 or given.shape[1] != columns:
             raise CdrError(f"Expected rows of shape (n, {columns}), got shape {given.shape}")
         dtype = np.dtype("<" + number)
-        if dtype.kind in "iu":
-            _check_integers(given, dtype)
-        with np.errstate(over="ignore"):
-            converted = np.ascontiguousarray(given, dtype)
-        self.count(len(converted))
-        self._append(converted.tobytes(), dtype.itemsize)
+        self.count(len(given))
+        self._append(_number_bytes(given, dtype), dtype.itemsize)
 
     def finish(self) -> bytes:
         """Return the serialised message."""
         return b"".join(self._parts)
+
+
+def _number_bytes(values: NDArray[Any], dtype: np.dtype[Any]) -> memoryview:
+    """Return numbers as a dtype's bytes, those of the array itself where they are the same."""
+    if values.dtype != dtype:
+        if dtype.kind in "iu":
+            _check_integers(values, dtype)
+        with np.errstate(over="ignore"):
+            values = values.astype(dtype)
+    return np.ascontiguousarray(values).data.cast("B")
 
 
 def _check_integers(values: NDArray[Any], dtype: np.dtype[Any]) -> None:

@@ -315,9 +315,8 @@ def _write_marker(writer: CdrWriter, marker: Marker) -> None:
     writer.numbers("3i", 4, marker.id, marker.type, marker.action)
     pose = marker.pose
     numbers = (*pose.position, *pose.orientation, *marker.scale, *marker.color)
-    writer.numbers("10d4f", 8, *numbers)
-    _write_time(writer, marker.lifetime)
-    writer.numbers("B", 1, bool(marker.frame_locked))
+    lifetime = divmod(marker.lifetime, SECOND)
+    writer.numbers("10d4fiIB", 8, *numbers, *lifetime, bool(marker.frame_locked))
     writer.array("f8", 3, marker.points)
     writer.array("f4", 4, marker.colors)
     writer.string(marker.texture_resource)

@@ -6,6 +6,7 @@ from: the node and the bags use the same code.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -109,10 +110,25 @@ Half = TypeVar("Half", PolygonStamped, PoseStamped)
 
 
 def pose_from_matrix(matrix: NDArray[np.float64]) -> Pose:
-    """Return the message form of a rigid motion of shape (4, 4); its quaternion has w >= 0."""
-    x, y, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat(canonical=True).tolist()
-    tx, ty, tz = matrix[:3, 3].tolist()
-    return Pose((tx, ty, tz), (x, y, z, w))
+    """Return the message form of a rigid motion of shape (4, 4).
+
+    Of the two quaternions it has the one whose first number of w, x, y, z that is not zero is
+    positive. Scipy's takes thirty times as long for a single matrix.
+
+    References
+    ----------
+    Shepperd, S. W. (1978). Quaternion from rotation matrix. Journal of Guidance and Control 1(3).
+    """
+    (xx, xy, xz, tx), (yx, yy, yz, ty), (zx, zy, zz, tz), _ = matrix.tolist()
+    products = (  # 4 q q^T for q = (x, y, z, w): each row is q, times four times one of its numbers
+        (1 + xx - yy - zz, xy + yx, xz + zx, zy - yz),
+        (xy + yx, 1 - xx + yy - zz, yz + zy, xz - zx),
+        (xz + zx, yz + zy, 1 - xx - yy + zz, yx - xy),
+        (zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz),
+    )
+    x, y, z, w = products[max(range(4), key=lambda row: products[row][row])]
+    norm = math.copysign(math.hypot(x, y, z, w), next(number for number in (w, x, y, z) if number))
+    return Pose((tx, ty, tz), (x / norm, y / norm, z / norm, w / norm))
 
 
 def _matrix_from_pose(pose: Pose) -> NDArray[np.float64]:
@@ -436,11 +452,11 @@ def rings_in_camera(view: View) -> list[NDArray[np.float64]]:
     """
     rings = []
     for ring in view.rings:
-        closed = np.concatenate([ring, ring[:1]])
+        closed = np.zeros((len(ring) + 1, 3))
+        closed[:-1, :2], closed[-1, :2] = ring, ring[0]
         if view.camera.is_pinhole:
-            rings.append(view.camera.rays_camera(closed))
-        else:
-            rings.append(np.column_stack([closed, np.zeros(len(closed))]))
+            closed = view.camera.rays_camera(closed[:, :2])
+        rings.append(closed)
     return rings
 
 

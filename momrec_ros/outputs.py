@@ -121,15 +121,15 @@ def result_messages(result: ObjectResult, stamp: int, frame_id: str) -> list[Out
     return [_output(name, data) for name, data in encoded.items()]
 
 
-def markers_message(results: Sequence[Result], *, clear: bool) -> Output:
+def markers_message(results: Sequence[Result], *, clear: Header | None = None) -> Output:
     """Write what people look at, of several objects, as one message.
 
     Parameters
     ----------
     results : sequence of Result
         One an object.
-    clear : bool
-        Whether displays are told to drop first what they show.
+    clear : Header, optional
+        Of a first marker that tells displays to drop what they show; None for no such marker.
 
     Returns
     -------
@@ -141,13 +141,9 @@ def markers_message(results: Sequence[Result], *, clear: bool) -> Output:
     CdrError
         If a stamp or a name fits no message.
     """
-    headers = [Header(item.stamp, item.frame_id) for item in results]
-    markers = []
-    if clear:
-        latest = max(headers, key=lambda header: header.stamp, default=Header())
-        markers.append(Marker(latest, action=MarkerAction.DELETEALL))
-    for item, header in zip(results, headers, strict=True):
-        markers += result_markers(item.result, header)
+    markers = [] if clear is None else [Marker(clear, action=MarkerAction.DELETEALL)]
+    for item in results:
+        markers += result_markers(item.result, Header(item.stamp, item.frame_id))
     return _output("markers", encode_marker_array(markers))
 
 

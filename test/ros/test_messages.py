@@ -25,7 +25,14 @@ from momrec_ros.interfaces import (
     encode_polygon_stamped,
     encode_pose_stamped,
 )
-from momrec_ros.messages import Forget, Rejected, StampedView, ViewDecoder, encode_view
+from momrec_ros.messages import (
+    Forget,
+    Rejected,
+    StampedView,
+    ViewDecoder,
+    encode_view,
+    pose_from_matrix,
+)
 
 HEADER = Header(5_000_000_001, "map")
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -271,3 +278,23 @@ def test_broken_halves_are_rejected():
     decoder.polygon(polygon(2, SQUARE[:3]))
     bad = Pose(orientation=(0.0, 0.0, 0.0, 3.0))
     assert decoder.camera_pose(camera_pose(2, bad))[0].reason == "quaternion"
+
+
+def test_the_quaternions_of_poses_are_those_of_scipy():
+    rng = np.random.default_rng(10)
+    turns = [rng.uniform(-np.pi, np.pi) * np.eye(3)[axis] for axis in range(3)]
+    half_turns = np.pi * np.vstack([np.eye(3), -np.eye(3), [[0.6, -0.8, 0.0], [0.0, -0.6, 0.8]]])
+    every = Rotation.concatenate(
+        [
+            Rotation.random(200, random_state=rng),
+            Rotation.from_rotvec([*turns, *half_turns]),
+            Rotation.create_group("O"),
+        ]
+    )
+    for rotation in every:
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = rotation.as_matrix(), rng.normal(size=3)
+        pose = pose_from_matrix(matrix)
+        expected = Rotation.from_matrix(matrix[:3, :3]).as_quat(canonical=True)
+        np.testing.assert_allclose(pose.orientation, expected, atol=1e-15)
+        assert pose.position == tuple(matrix[:3, 3])

@@ -143,14 +143,13 @@ def test_people_see_axes_label_and_every_contour_where_it_was_seen(named):
     assert len(identities) == 6
 
 
-@pytest.mark.parametrize("clear", [False, True])
+@pytest.mark.parametrize("clear", [None, Header(STAMP + 9, "world")])
 def test_the_markers_of_all_objects_are_one_message_that_may_clear_the_display(named, clear):
     other = replace(named, object_id="another one")
     results = [Result(named, STAMP, "world"), Result(other, STAMP + 7, "world")]
     output = markers_message(results, clear=clear)
-    cleared = [Marker(Header(STAMP + 7, "world"), action=MarkerAction.DELETEALL)]
     markers = [
-        *(cleared if clear else []),
+        *([] if clear is None else [Marker(clear, action=MarkerAction.DELETEALL)]),
         *result_markers(named, Header(STAMP, "world")),
         *result_markers(other, Header(STAMP + 7, "world")),
     ]
@@ -159,9 +158,10 @@ def test_the_markers_of_all_objects_are_one_message_that_may_clear_the_display(n
 
 
 def test_without_objects_the_markers_only_clear_the_display():
-    (marker,) = decode_marker_array(markers_message([], clear=True).data)
-    assert (marker.action, marker.ns) == (MarkerAction.DELETEALL, "")
-    assert decode_marker_array(markers_message([], clear=False).data) == ()
+    header = Header(STAMP, "world")
+    (marker,) = decode_marker_array(markers_message([], clear=header).data)
+    assert (marker.header, marker.action, marker.ns) == (header, MarkerAction.DELETEALL, "")
+    assert decode_marker_array(markers_message([]).data) == ()
 
 
 def test_a_removed_object_takes_its_mesh_from_the_displays(named):
