@@ -74,6 +74,7 @@ setup(
     entry_points={
         "console_scripts": [
             "momrec = momrec_ros.cli:main",
+            "recognizer = momrec_ros.recognizer:main",
         ],
     },
     zip_safe=False,

@@ -34,6 +34,7 @@ __all__ = [
     "PolygonStamped",
     "Pose",
     "PoseStamped",
+    "Transform",
     "decode_detection_array",
     "decode_diagnostic_array",
     "decode_marker_array",
@@ -41,6 +42,7 @@ __all__ = [
     "decode_polygon_stamped",
     "decode_pose_stamped",
     "decode_string",
+    "decode_transforms",
     "encode_detection_array",
     "encode_diagnostic_array",
     "encode_marker",
@@ -49,12 +51,14 @@ __all__ = [
     "encode_polygon_stamped",
     "encode_pose_stamped",
     "encode_string",
+    "encode_transforms",
 ]
 
 SECOND = 1_000_000_000  # nanoseconds
 SMALLEST_MARKER = 200  # bytes: less than its fixed fields take, to judge a count by
 SMALLEST_STATUS = 20
 SMALLEST_PAIR = 8
+SMALLEST_TRANSFORM = 70
 SMALLEST_DETECTION = 80
 SMALLEST_HYPOTHESIS = 356
 
@@ -106,6 +110,15 @@ class PoseStamped:
     """geometry_msgs/PoseStamped."""
 
     header: Header = Header()
+    pose: Pose = Pose()
+
+
+@dataclass(frozen=True)
+class Transform:
+    """geometry_msgs/TransformStamped: the pose of a child frame in the frame of the header."""
+
+    header: Header = Header()
+    child_frame_id: str = ""
     pose: Pose = Pose()
 
 
@@ -404,6 +417,33 @@ def encode_pose_stamped(pose: PoseStamped) -> bytes:
     writer = CdrWriter()
     _write_header(writer, pose.header)
     writer.numbers("7d", 8, *pose.pose.position, *pose.pose.orientation)
+    return writer.finish()
+
+
+def decode_transforms(data: bytes) -> tuple[Transform, ...]:
+    """Read a tf2_msgs/TFMessage; `CdrError` if the bytes are not exactly one."""
+    reader = CdrReader(data)
+    count = reader.count(SMALLEST_TRANSFORM, "transforms")
+    transforms = tuple(_read_transform(reader) for _ in range(count))
+    reader.finish()
+    return transforms
+
+
+def _read_transform(reader: CdrReader) -> Transform:
+    header = _read_header(reader, "header")
+    child = reader.string("child_frame_id")
+    numbers = reader.numbers("7d", 8, "transform")
+    return Transform(header, child, Pose(numbers[:3], numbers[3:]))
+
+
+def encode_transforms(transforms: Sequence[Transform]) -> bytes:
+    """Write a tf2_msgs/TFMessage; `CdrError` if a value fits no message."""
+    writer = CdrWriter()
+    writer.count(len(transforms))
+    for transform in transforms:
+        _write_header(writer, transform.header)
+        writer.string(transform.child_frame_id)
+        writer.numbers("7d", 8, *transform.pose.position, *transform.pose.orientation)
     return writer.finish()
 
 

@@ -118,12 +118,10 @@ class Parameter(Generic[Value]):
         value : object
             For a double whole numbers will do.
         """
-        expected = " of ".join(filter(None, (self.type_name, self.allowed)))
-        return (
-            ""
-            if self._admits(value)
-            else f"expected {self.name} to be {expected}, got {value!r:.80}"
-        )
+        if self._admits(value):
+            return ""
+        allowed = f" ({self.allowed})" if self.allowed else ""
+        return f"expected {self.name} as {self.type_name}{allowed}, got {value!r:.80}"
 
     def _admits(self, value: Any) -> bool:
         kinds = (int, float) if isinstance(self.default, float) else type(self.default)
