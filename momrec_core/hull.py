@@ -20,7 +20,8 @@ from momrec_core.errors import (
 )
 from momrec_core.layers import (
     Layer,
-    match_layers,
+    Slabs,
+    layers_of_sections,
     region_of_section,
     without_flakes,
     without_needless,
@@ -283,16 +284,17 @@ class VisualHull:
                 f"{self.emptied_by} (counting from 0) leaves nothing of the {self.emptied_by} "
                 "before it"
             )
-        layers = self._layers(family)
-        if not any(layer.pieces for layer in layers):
+        slabs = Slabs()
+        layers = self._layers(family, slabs)
+        if not any(len(layer) for layer in layers):
             raise DegenerateShapeError(
                 f"Expected a hull thick enough for {self._count} slices, got one so thin and "
                 "slanted that no two of them overlap; more slices may help"
             )
-        vertices, faces = tile(layers)
+        vertices, faces = tile(slabs.between(pairwise(layers)))
         return trimesh.Trimesh(family.to_world(vertices), faces, process=False)
 
-    def _layers(self, family: PlaneFamily) -> list[Layer]:
+    def _layers(self, family: PlaneFamily, slabs: Slabs) -> list[Layer]:
         """Return the sections and those between them that the surface needs besides.
 
         Where pieces or holes appear, vanish, split or join between two planes, where the section's
@@ -303,28 +305,26 @@ class VisualHull:
         bottom, top = self._cut(family, ends)
         offsets = [family.low, ends[0], *family.offsets, ends[1], family.high]
         sections = [CrossSection(), bottom, *self._sections, top, CrossSection()]
-        layers = [Layer.of(*pair) for pair in zip(offsets, sections, strict=True)]
+        layers = layers_of_sections(offsets, sections)
         largest = max(layer.area for layer in layers)
         doubtful = DOUBTFUL_VOLUME * family.spacing * sum(layer.area for layer in layers)
-        open_slabs = list(pairwise(layers))
+        open_slabs = slabs.between(pairwise(layers))
         for _ in range(EVENT_DEPTH):
-            doubts = [
-                slab.doubt * (above.offset - below.offset)
-                for (below, above), slab in zip(
-                    open_slabs, match_layers(open_slabs, largest), strict=True
-                )
-            ]
+            doubts = [slab.doubt(largest) for slab in open_slabs]
             worst = np.argsort(doubts)[::-1][: MAX_LAYERS * self._count - len(layers)]
             open_slabs = [open_slabs[index] for index in worst if doubts[index] > doubtful]
             if not open_slabs:
                 break
-            middles = np.array([(below.offset + above.offset) / 2 for below, above in open_slabs])
-            new = [Layer.of(*it) for it in zip(middles, self._cut(family, middles), strict=True)]
-            halves = zip(open_slabs, new, strict=True)
-            open_slabs = [half for (a, b), middle in halves for half in ((a, middle), (middle, b))]
+            middles = np.array([slab.below.offset + slab.height / 2 for slab in open_slabs])
+            new = layers_of_sections(middles, self._cut(family, middles))
             layers.extend(new)
-        layers = without_flakes(sorted(layers, key=lambda layer: layer.offset))
-        return without_needless(layers, set(offsets), doubtful)
+            open_slabs = slabs.between(
+                half
+                for slab, middle in zip(open_slabs, new, strict=True)
+                for half in ((slab.below, middle), (middle, slab.above))
+            )
+        layers = without_flakes(sorted(layers, key=lambda layer: layer.offset), slabs)
+        return without_needless(layers, slabs, set(offsets), doubtful)
 
 
 def _meets(sections: list[CrossSection]) -> NDArray[np.bool_]:

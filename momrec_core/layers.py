@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import shapely
-from manifold3d import CrossSection
+from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 from shapely import MultiPolygon, Polygon
 
+from momrec_core.rings import Rings, number_within
+
 __all__ = [
     "Layer",
     "Slab",
-    "hole_pairs",
-    "match_layers",
+    "Slabs",
+    "layers_of_sections",
     "region_of_section",
     "without_flakes",
     "without_needless",
@@ -30,7 +32,7 @@ CLEANING = 1e-3  # units: vertices that stand out less are rounding, not shape; 
 MIN_AREA_RATIO = 0.4  # of two matching pieces, below which one contour is no image of the other
 MAX_AREA_RATIO = 1 / MIN_AREA_RATIO
 STEEPEST = 20.0  # shift over height of a slanted body that is followed between layers: 87 degrees
-FEW_PAIRS = 64  # of pieces: above, a tree of boxes finds candidates faster than trying all
+FEW_PAIRS = 4096  # of pieces: above, a tree of boxes finds candidates faster than trying all
 LEDGE = 0.1  # of the largest section: a change in area between adjacent layers worth locating
 
 
@@ -42,37 +44,135 @@ class Layer:
     ----------
     offset : float
         Along the planes' normal, in units.
-    pieces : list of Polygon
-        In units; shells counter-clockwise, holes clockwise.
+    rings : Rings
+        The contours, in units, piece by piece: the shell, counter-clockwise, then the holes,
+        clockwise.
+    first : array of int, shape (pieces + 1,)
+        The shell of each piece, and the number of contours.
+    polygons : array of Polygon, shape (pieces,)
+        The pieces, prepared for many tests.
     """
 
     offset: float
-    pieces: list[Polygon]
+    rings: Rings
+    first: NDArray[np.int64]
+    polygons: NDArray[np.object_]
 
-    @classmethod
-    def of(cls, offset: float, section: CrossSection) -> Layer:
-        """Take the pieces of a cross-section, cleaned of rounding."""
-        return cls(float(offset), _pieces(section.simplify(CLEANING)))
+    def __len__(self) -> int:
+        return len(self.polygons)
+
+    @cached_property
+    def areas(self) -> NDArray[np.float64]:
+        """Area of each piece, in squared units."""
+        return np.asarray(shapely.area(self.polygons))
 
     @cached_property
     def area(self) -> float:
         """Area of all pieces, in squared units."""
-        return float(sum(piece.area for piece in self.pieces))
+        return float(self.areas.sum())
 
     @cached_property
-    def prepared(self) -> NDArray[np.object_]:
-        """The pieces, ready for many tests."""
-        pieces = np.array(self.pieces, dtype=object)
-        shapely.prepare(pieces)
-        return pieces
+    def bounds(self) -> NDArray[np.float64]:
+        """Box of each piece: least x and y, greatest x and y; shape (pieces, 4)."""
+        return np.asarray(shapely.bounds(self.polygons)).reshape(-1, 4)
+
+    def contours(self, piece: int) -> range:
+        """Return the numbers of a piece's contours: its shell, then its holes."""
+        return range(self.first[piece], self.first[piece + 1])
+
+    def ring(self, contour: int) -> NDArray[np.float64]:
+        """Return the vertices of a contour, shape (n, 2)."""
+        return self.rings.points[self.rings.first[contour] : self.rings.first[contour + 1]]
+
+    def region(self, pieces: Iterable[int]) -> CrossSection:
+        """Return some of the pieces as a cross-section."""
+        loops = [self.ring(contour) for piece in pieces for contour in self.contours(piece)]
+        return CrossSection(loops, FillRule.EvenOdd)
+
+    def only(self, pieces: Sequence[int]) -> Layer:
+        """Return a layer of some of the pieces."""
+        chosen = np.array(pieces, dtype=np.int64)
+        counts = np.diff(self.first)[chosen]
+        owners, positions = number_within(counts)
+        contours = self.first[chosen][owners] + positions
+        vertices, _ = self.rings.around(contours)
+        first = np.concatenate([[0], np.cumsum(self.rings.counts[contours])])
+        rings = Rings(self.rings.points[vertices], first)
+        return Layer(
+            self.offset, rings, np.concatenate([[0], np.cumsum(counts)]), self.polygons[chosen]
+        )
 
 
-def _pieces(section: CrossSection) -> list[Polygon]:
-    if section.is_empty():
-        return []
-    parts = [section] if section.num_contour() == 1 else section.decompose()
-    rings = [[ring for ring in part.to_polygons() if len(ring) > 2] for part in parts]
-    return [_polygon(part) for part in rings if part]
+def layers_of_sections(
+    offsets: Sequence[float] | NDArray[np.float64], sections: Sequence[CrossSection]
+) -> list[Layer]:
+    """Take the pieces of cross-sections, cleaned of rounding.
+
+    Parameters
+    ----------
+    offsets : sequence of float
+        Along the planes' normal, in units.
+    sections : sequence of CrossSection
+        As many.
+
+    Returns
+    -------
+    layers : list of Layer
+    """
+    loops: list[NDArray[np.float64]] = []
+    piece_of: list[int] = []
+    layer_of: list[int] = []
+    for index, section in enumerate(sections):
+        for part in _parts(section.simplify(CLEANING)):
+            kept = [ring for ring in part.to_polygons() if len(ring) > 2]
+            piece_of.extend([len(layer_of)] * len(kept))
+            loops.extend(kept)
+            layer_of.extend([index] * bool(kept))
+    if not loops:
+        return [_empty_layer(offset) for offset in offsets]
+    pieces = np.array(piece_of)
+    rings = _shells_first(loops, pieces)
+    _, vertex_rings = rings.around(np.arange(len(pieces)))
+    polygons = shapely.polygons(
+        shapely.linearrings(rings.points, indices=vertex_rings), indices=pieces
+    )
+    shapely.prepare(polygons)
+    piece_ends = np.searchsorted(layer_of, np.arange(len(sections) + 1))
+    ring_ends = np.searchsorted(pieces, piece_ends)
+    first = np.searchsorted(pieces, np.arange(len(polygons) + 1))
+    layers = []
+    for offset, low, high, begin, end in zip(
+        offsets, piece_ends, piece_ends[1:], ring_ends, ring_ends[1:], strict=False
+    ):
+        start, stop = rings.first[[begin, end]]
+        own = Rings(rings.points[start:stop], rings.first[begin : end + 1] - start)
+        layers.append(Layer(float(offset), own, first[low : high + 1] - begin, polygons[low:high]))
+    return layers
+
+
+def _empty_layer(offset: float) -> Layer:
+    none = np.zeros(1, dtype=np.int64)
+    return Layer(float(offset), Rings(np.empty((0, 2)), none), none, np.empty(0, dtype=object))
+
+
+def _parts(section: CrossSection) -> list[CrossSection]:
+    return [section] if section.num_contour() == 1 else section.decompose()
+
+
+def _shells_first(loops: list[NDArray[np.float64]], pieces: NDArray[np.int64]) -> Rings:
+    """Join the contours of pieces, each one's shell before its holes."""
+    first = np.concatenate([[0], np.cumsum([len(loop) for loop in loops])])
+    rings = Rings(np.concatenate(loops), first)
+    order = np.lexsort([-rings.areas, pieces])
+    vertices, _ = rings.around(order)
+    first = np.concatenate([[0], np.cumsum(rings.counts[order])])
+    return Rings(rings.points[vertices], first)
+
+
+def region_of_section(section: CrossSection, unit: float) -> MultiPolygon:
+    """Return a cross-section as a region in metres."""
+    parts = [] if section.is_empty() else section.scale((unit, unit)).decompose()
+    return MultiPolygon([_polygon(part.to_polygons()) for part in parts])
 
 
 def _polygon(rings: Sequence[NDArray[np.float64]]) -> Polygon:
@@ -81,90 +181,174 @@ def _polygon(rings: Sequence[NDArray[np.float64]]) -> Polygon:
     return Polygon(shell, holes)
 
 
-def region_of_section(section: CrossSection, unit: float) -> MultiPolygon:
-    """Return a cross-section as a region in metres."""
-    pieces = [] if section.is_empty() else section.scale((unit, unit)).decompose()
-    return MultiPolygon([_polygon(piece.to_polygons()) for piece in pieces])
-
-
-@dataclass
+@dataclass(eq=False)
 class Slab:
     """How the pieces of two adjacent layers belong together.
 
     Attributes
     ----------
-    pairs : list of (int, int)
-        Pieces below and above that are each other's only overlap, with holes that are as well.
+    below, above : Layer
+        The layers.
+    pairs : dict of (int, int) to list of (int, int)
+        Pieces below and above that are each other's only overlap, with holes that are as well;
+        and their contours, shells and holes, that belong together.
     knots : list of (list of int, list of int)
         The other groups of overlapping pieces, below and above; a piece that overlaps none is
         a group of its own. So are pieces that are each other's only overlap but of very
         different size.
-    doubt : float
-        Area, in squared units, that is on the one side of the slab and not on the other where
-        pieces or holes appear, vanish, split or join, or a section changes by a ledge.
     """
 
-    pairs: list[tuple[int, int]] = field(default_factory=list)
+    below: Layer
+    above: Layer
+    pairs: dict[tuple[int, int], list[tuple[int, int]]] = field(default_factory=dict)
     knots: list[tuple[list[int], list[int]]] = field(default_factory=list)
-    doubt: float = 0.0
+
+    @property
+    def height(self) -> float:
+        """Distance between the layers, in units."""
+        return self.above.offset - self.below.offset
+
+    @cached_property
+    def unmatched_area(self) -> float:
+        """Area of the knots' pieces that is on one side and not on the other, squared units."""
+        low = [piece for pieces, _ in self.knots for piece in pieces]
+        high = [piece for _, pieces in self.knots for piece in pieces]
+        area = float(self.below.areas[low].sum() + self.above.areas[high].sum())
+        if low and high:
+            area -= 2 * (self.below.region(low) ^ self.above.region(high)).area()
+        return area
+
+    def ledge(self, largest: float) -> float:
+        """Return the change in area from layer to layer where it is one worth locating."""
+        step = abs(self.above.area - self.below.area)
+        return step if step > LEDGE * largest else 0.0
+
+    def doubt(self, largest: float) -> float:
+        """Return the volume, in cubed units, that pieces which change and ledges leave open.
+
+        Parameters
+        ----------
+        largest : float
+            Area of the largest section, in squared units, that ledges are compared with.
+        """
+        return (self.unmatched_area + self.ledge(largest)) * self.height
 
 
-def match_layers(pairs: Sequence[tuple[Layer, Layer]], largest: float = np.inf) -> list[Slab]:
-    """Group the pieces of adjacent layers, below and above, by overlap.
+class Slabs:
+    """The slabs between pairs of layers, each matched once."""
 
-    Parameters
-    ----------
-    pairs : sequence of (Layer, Layer)
-        The layers below and above each slab.
-    largest : float
-        Area of the largest section, in squared units, that ledges are compared with.
+    def __init__(self) -> None:
+        self._known: dict[tuple[Layer, Layer], Slab] = {}
 
-    Returns
-    -------
-    slabs : list of Slab
-        One a pair.
-    """
-    slabs = [_slab_of_ledge(below, above, largest) for below, above in pairs]
-    counts = np.array([[len(below.pieces), len(above.pieces)] for below, above in pairs])
-    if counts.sum() == 0:
+    def between(self, pairs: Iterable[tuple[Layer, Layer]]) -> list[Slab]:
+        """Return the slab of each pair of layers, below and above."""
+        pairs = list(pairs)
+        new = [pair for pair in pairs if pair not in self._known]
+        self._known.update(zip(new, _match_layers(new), strict=True))
+        return [self._known[pair] for pair in pairs]
+
+
+def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
+    """Group the pieces of adjacent layers, below and above, by overlap."""
+    slabs = [Slab(below, above) for below, above in pairs]
+    sides = [layer for pair in pairs for layer in pair]
+    counts = np.array([len(layer) for layer in sides], dtype=np.int64)
+    count = int(counts.sum())
+    if count == 0:
         return slabs
-    pieces = np.concatenate([layer.prepared for pair in pairs for layer in pair])
-    first = np.concatenate([[0], np.cumsum(counts)])
-    candidates = [
-        _boxes_that_meet(*(layer.prepared for layer in pair)) + first[[2 * slab, 2 * slab + 1]]
-        for slab, pair in enumerate(pairs)
-    ]
-    lower, upper = _meeting(pieces, np.concatenate(candidates))
-    graph = coo_array((np.ones(len(lower)), (lower, upper)), shape=(len(pieces), len(pieces)))
+    side_of, place = number_within(counts)
+    lower, upper = _overlaps(sides, counts)
+    graph = coo_array((np.ones(len(lower)), (lower, upper)), shape=(count, count))
     _, labels = connected_components(graph, directed=False)
-    order = np.argsort(labels, kind="stable")
-    slab_of = np.repeat(np.arange(len(pairs)), counts.sum(axis=1))
-    groups = []
-    for members in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
-        slab = int(slab_of[members[0]])
-        begin, middle = first[2 * slab], first[2 * slab + 1]
-        low, high = members[members < middle] - begin, members[members >= middle] - middle
-        matched = len(low) == len(high) == 1 and hole_pairs(*pieces[members]) is not None
-        areas = shapely.area(pieces[members])
-        if matched and MIN_AREA_RATIO < areas[0] / areas[1] < MAX_AREA_RATIO:
-            slabs[slab].pairs.append((int(low[0]), int(high[0])))
-        else:
-            slabs[slab].knots.append((low.tolist(), high.tolist()))
-            groups.append((slab, begin + low, middle + high))
-    _doubt_groups(slabs, pieces, groups)
-    for matched_slab, (below, above) in zip(slabs, pairs, strict=True):
-        _bridge(matched_slab, below, above)
+    areas = np.concatenate([layer.areas for layer in sides])
+    is_pair = (np.bincount(labels) == 2)[labels[lower]]
+    is_pair &= _are_similar(areas[lower], areas[upper])
+    is_left = np.ones(count, dtype=bool)
+    for low, high in np.column_stack([lower, upper])[is_pair].tolist():
+        slab, pieces = slabs[side_of[low] // 2], (int(place[low]), int(place[high]))
+        contours = _contour_pairs(slab, *pieces)
+        if contours:
+            slab.pairs[pieces] = contours
+            is_left[[low, high]] = False
+    groups: dict[int, tuple[list[int], list[int]]] = {}
+    for piece in np.flatnonzero(is_left).tolist():
+        slab, side = divmod(int(side_of[piece]), 2)
+        if labels[piece] not in groups:
+            groups[labels[piece]] = ([], [])
+            slabs[slab].knots.append(groups[labels[piece]])
+        groups[labels[piece]][side].append(int(place[piece]))
+    for slab in slabs:
+        _bridge(slab)
     return slabs
 
 
-def _boxes_that_meet(below: NDArray[np.object_], above: NDArray[np.object_]) -> NDArray[np.int64]:
-    """Return candidates for an overlap, as index pairs, shape (n, 2)."""
-    if len(below) * len(above) <= FEW_PAIRS:
-        return np.indices((len(below), len(above))).reshape(2, -1).T
-    return np.asarray(shapely.STRtree(above).query(below)).T
+def _overlaps(
+    sides: Sequence[Layer], counts: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return which pieces have an area in common, over all layers below and above slabs in turn.
+
+    Returns
+    -------
+    lower, upper : array of int
+        Pieces, counted on from layer to layer.
+    """
+    first = np.cumsum(counts) - counts
+    tries = counts[0::2] * counts[1::2]
+    many = np.flatnonzero(tries > FEW_PAIRS)
+    slab, number = number_within(np.where(tries > FEW_PAIRS, 0, tries))
+    below, above = np.divmod(number, counts[1::2][slab])
+    found = [(first[0::2][slab] + below, first[1::2][slab] + above)]
+    for index in many.tolist():
+        tree = shapely.STRtree(sides[2 * index + 1].polygons)
+        below, above = tree.query(sides[2 * index].polygons)
+        found.append((first[2 * index] + below, first[2 * index + 1] + above))
+    lower, upper = np.concatenate(found, axis=1)
+    bounds = np.concatenate([layer.bounds for layer in sides])
+    low, high = bounds[lower], bounds[upper]
+    meet = ((low[:, :2] < high[:, 2:]) & (high[:, :2] < low[:, 2:])).all(axis=1)
+    polygons = np.concatenate([layer.polygons for layer in sides])
+    return _meeting(polygons, lower[meet], upper[meet])
 
 
-def _bridge(slab: Slab, below: Layer, above: Layer) -> None:
+def _meeting(
+    polygons: NDArray[np.object_], lower: NDArray[np.int64], upper: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pairs, of those given, whose polygons have an area in common."""
+    meet = shapely.intersects(polygons[lower], polygons[upper])
+    lower, upper = lower[meet], upper[meet]
+    apart = shapely.touches(polygons[lower], polygons[upper])
+    return lower[~apart], upper[~apart]
+
+
+def _are_similar(areas: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
+    ratios = areas / others
+    return (ratios > MIN_AREA_RATIO) & (ratios < MAX_AREA_RATIO)
+
+
+def _contour_pairs(slab: Slab, low: int, high: int) -> list[tuple[int, int]]:
+    """Match the contours of two pieces, the holes by overlap; none where that isn't one to one."""
+    shells, holes = zip(
+        *((it[0], it[1:]) for it in (slab.below.contours(low), slab.above.contours(high))),
+        strict=True,
+    )
+    count = len(holes[0])
+    if count != len(holes[1]):
+        return []
+    if count == 0:
+        return [shells]
+    polygons = shapely.polygons(
+        [shapely.linearrings(slab.below.ring(hole)) for hole in holes[0]]
+        + [shapely.linearrings(slab.above.ring(hole)) for hole in holes[1]]
+    )
+    lower, upper = np.indices((count, count)).reshape(2, -1)
+    lower, upper = _meeting(polygons, lower, upper + count)
+    if len(lower) != count or len(set(lower.tolist())) + len(set(upper.tolist())) != 2 * count:
+        return []
+    matched = zip(lower.tolist(), (upper - count).tolist(), strict=True)
+    return [shells, *((holes[0][first], holes[1][second]) for first, second in matched)]
+
+
+def _bridge(slab: Slab) -> None:
     """Pair pieces that overlap none but lie where a slanted body would have moved from the other.
 
     Each is the other's nearest, of similar size and without holes.
@@ -173,91 +357,39 @@ def _bridge(slab: Slab, below: Layer, above: Layer) -> None:
     begins = [high[0] for low, high in slab.knots if not low]
     if not ends or not begins:
         return
-    lows = [below.pieces[index] for index in ends]
-    highs = [above.pieces[index] for index in begins]
     distances = cdist(
-        shapely.get_coordinates(shapely.centroid(lows)),
-        shapely.get_coordinates(shapely.centroid(highs)),
+        shapely.get_coordinates(shapely.centroid(slab.below.polygons[ends])),
+        shapely.get_coordinates(shapely.centroid(slab.above.polygons[begins])),
     )
-    reach = STEEPEST * (above.offset - below.offset)
+    similar = _are_similar(slab.below.areas[ends][:, None], slab.above.areas[begins])
     for row, column in enumerate(distances.argmin(axis=1)):
-        ratio = lows[row].area / highs[column].area
+        contours = slab.below.contours(ends[row]), slab.above.contours(begins[column])
         if (
             distances[:, column].argmin() == row
-            and distances[row, column] < reach
-            and MIN_AREA_RATIO < ratio < MAX_AREA_RATIO
-            and not (lows[row].interiors or highs[column].interiors)
+            and distances[row, column] < STEEPEST * slab.height
+            and similar[row, column]
+            and len(contours[0]) == len(contours[1]) == 1
         ):
             slab.knots.remove(([ends[row]], []))
             slab.knots.remove(([], [begins[column]]))
-            slab.pairs.append((ends[row], begins[column]))
+            slab.pairs[ends[row], begins[column]] = [(contours[0][0], contours[1][0])]
 
 
-def _slab_of_ledge(below: Layer, above: Layer, largest: float) -> Slab:
-    step = abs(above.area - below.area)
-    return Slab(doubt=step if step > LEDGE * largest else 0.0)
-
-
-def _doubt_groups(
-    slabs: list[Slab],
-    pieces: NDArray[np.object_],
-    groups: Sequence[tuple[int, NDArray[np.int64], NDArray[np.int64]]],
-) -> None:
-    """Add to each slab the area that is in its knots' pieces on one side and not on the other.
-
-    A group is the index of a slab and those of its pieces below and above.
-    """
-    if not groups:
-        return
-    overlaps = [np.array(np.meshgrid(low, high)).reshape(2, -1) for _, low, high in groups]
-    lower, upper = np.concatenate(overlaps, axis=1)
-    common = shapely.area(shapely.intersection(pieces[lower], pieces[upper], grid_size=CLEANING))
-    first = np.cumsum([0, *(overlap.shape[1] for overlap in overlaps)])
-    for (slab, low, high), (start, end) in zip(groups, pairwise(first), strict=True):
-        area = shapely.area(pieces[np.concatenate([low, high])]).sum()
-        slabs[slab].doubt += float(area - 2 * common[start:end].sum())
-
-
-def _meeting(
-    polygons: NDArray[np.object_], pairs: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the index pairs, of those given, whose polygons have an area in common."""
-    lower, upper = pairs.T
-    below, above = polygons[lower], polygons[upper]
-    meet = shapely.intersects(below, above) & ~shapely.touches(below, above)
-    return lower[meet], upper[meet]
-
-
-def hole_pairs(below: Polygon, above: Polygon) -> list[tuple[int, int]] | None:
-    """Match the holes of two pieces by overlap; None where that is not one to one."""
-    count = len(below.interiors)
-    if count != len(above.interiors):
-        return None
-    if count == 0:
-        return []
-    holes = np.array([Polygon(hole) for piece in (below, above) for hole in piece.interiors])
-    pairs = np.indices((count, count)).reshape(2, -1).T + np.array([0, count])
-    lower, upper = _meeting(holes, pairs)
-    if len(lower) != count or len(set(lower.tolist())) + len(set(upper.tolist())) != 2 * count:
-        return None
-    return list(zip(lower.tolist(), (upper - count).tolist(), strict=True))
-
-
-def without_flakes(layers: Sequence[Layer]) -> list[Layer]:
+def without_flakes(layers: Sequence[Layer], slabs: Slabs) -> list[Layer]:
     """Leave out the pieces that meet none of the layer below or above, and so have no volume."""
-    slabs = match_layers(list(pairwise(layers)))
-    ends_above = [{low[0] for low, high in slab.knots if not high} for slab in slabs]
-    ends_below = [{high[0] for low, high in slab.knots if not low} for slab in slabs]
+    between = slabs.between(pairwise(layers))
+    ends_above = [{low[0] for low, high in slab.knots if not high} for slab in between]
+    ends_below = [{high[0] for low, high in slab.knots if not low} for slab in between]
     kept = []
     for layer, above, below in zip(layers, [*ends_above, set()], [set(), *ends_below], strict=True):
         flakes = above & below
-        pieces = [piece for index, piece in enumerate(layer.pieces) if index not in flakes]
-        kept.append(Layer(layer.offset, pieces) if flakes else layer)
+        pieces = [piece for piece in range(len(layer)) if piece not in flakes]
+        kept.append(layer.only(pieces) if flakes else layer)
     return kept
 
 
 def without_needless(
-    layers: Sequence[Layer], wanted: set[float], doubtful_volume: float
+    layers: Sequence[Layer], slabs: Slabs, wanted: set[float], doubtful_volume: float
 ) -> list[Layer]:
     """Leave out layers that only served the search for places where pieces split or end.
 
@@ -265,6 +397,8 @@ def without_needless(
     ----------
     layers : sequence of Layer
         By increasing offset.
+    slabs : Slabs
+        Those between layers as far as they are known.
     wanted : set of float
         Offsets of the layers to keep in any case.
     doubtful_volume : float
@@ -278,12 +412,10 @@ def without_needless(
     """
     largest = max(layer.area for layer in layers)
     kept = np.isin([layer.offset for layer in layers], list(wanted))
-    for index, slab in enumerate(match_layers(list(pairwise(layers)), largest)):
-        kept[[index, index + 1]] |= slab.doubt > 0
+    for index, slab in enumerate(slabs.between(pairwise(layers))):
+        kept[[index, index + 1]] |= slab.doubt(largest) > 0
     gaps = [(low, high) for low, high in pairwise(np.flatnonzero(kept).tolist()) if high > low + 1]
-    bridges = [(layers[low], layers[high]) for low, high in gaps]
-    for gap, (below, above), slab in zip(
-        gaps, bridges, match_layers(bridges, largest), strict=True
-    ):
-        kept[slice(*gap)] |= slab.doubt * (above.offset - below.offset) > doubtful_volume
+    bridges = slabs.between((layers[low], layers[high]) for low, high in gaps)
+    for gap, slab in zip(gaps, bridges, strict=True):
+        kept[slice(*gap)] |= slab.doubt(largest) > doubtful_volume
     return [layer for layer, is_kept in zip(layers, kept, strict=True) if is_kept]

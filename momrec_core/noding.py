@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
@@ -12,7 +13,6 @@ __all__ = ["Contacts", "Edges", "find_contacts"]
 
 # Units: above Clipper2's grid, and below the layers' cleaning, so that no two vertices touch one.
 TOUCH = 1e-4
-MAX_PAIRS = 2_000_000  # of edges whose boxes are compared at a time: bounds the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,18 +23,13 @@ class Edges:
     ----------
     starts, ends : array, shape (n, 2)
         Edge k runs from ``starts[k]`` to ``ends[k]``; each vertex is the start of one edge.
+    groups : array of int, shape (n,)
+        Edges of different groups do not meet.
     """
 
     starts: NDArray[np.float64]
     ends: NDArray[np.float64]
-
-    @classmethod
-    def of_rings(cls, rings: list[NDArray[np.float64]]) -> Edges:
-        """Join the edges of rings, each shape (n_i, 2), in their order."""
-        if not rings:
-            return cls(np.empty((0, 2)), np.empty((0, 2)))
-        ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-        return cls(np.concatenate(rings), ends)
+    groups: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +61,10 @@ def find_contacts(below: Edges, above: Edges) -> Contacts:
     empty = np.empty(0, dtype=np.int64)
     if not len(below.starts) or not len(above.starts):
         return Contacts(empty, empty, np.empty(0), np.empty(0), np.empty((0, 2)))
-    distance, partner = KDTree(above.starts).query(below.starts, distance_upper_bound=TOUCH)
+    tree = KDTree(np.column_stack([above.starts, above.groups]))
+    distance, partner = tree.query(
+        np.column_stack([below.starts, below.groups]), distance_upper_bound=TOUCH
+    )
     shared = np.flatnonzero(np.isfinite(distance))
     lower, upper = _near(below, above)
     parts = [
@@ -91,20 +89,16 @@ def _swapped(contacts: _EdgePairs) -> _EdgePairs:
 
 
 def _near(below: Edges, above: Edges) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of edges whose boxes meet."""
-    low1 = np.minimum(below.starts, below.ends) - TOUCH
-    high1 = np.maximum(below.starts, below.ends) + TOUCH
-    low2, high2 = np.minimum(above.starts, above.ends), np.maximum(above.starts, above.ends)
-    step = max(1, MAX_PAIRS // len(low2))
-    lower, upper = [], []
-    for start in range(0, len(low1), step):
-        rows = slice(start, start + step)
-        meet = (low1[rows, None] <= high2[None]).all(axis=2)
-        meet &= (high1[rows, None] >= low2[None]).all(axis=2)
-        first, second = np.nonzero(meet)
-        lower.append(start + first)
-        upper.append(second)
-    return np.concatenate(lower), np.concatenate(upper)
+    """Return the pairs of edges of a group whose boxes meet; the groups are laid side by side."""
+    extent = float(np.ptp(np.concatenate([below.starts[:, 0], above.starts[:, 0]]))) + 1.0
+    boxes = []
+    for edges in (below, above):
+        low = np.minimum(edges.starts, edges.ends) - TOUCH
+        high = np.maximum(edges.starts, edges.ends) + TOUCH
+        aside = extent * edges.groups
+        boxes.append(shapely.box(low[:, 0] + aside, low[:, 1], high[:, 0] + aside, high[:, 1]))
+    lower, upper = shapely.STRtree(boxes[1]).query(boxes[0])
+    return lower, upper
 
 
 def _along_and_beside(

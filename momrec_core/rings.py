@@ -69,22 +69,22 @@ class Rings:
     @cached_property
     def areas(self) -> NDArray[np.float64]:
         """Signed area of each contour, positive where it runs counter-clockwise."""
-        return self._moments[0]
+        _, crosses, _ = self._sectors
+        return self.total(crosses) / 2
 
     @cached_property
     def centroids(self) -> NDArray[np.float64]:
         """Centroid of what each contour encloses, shape (rings, 2)."""
-        return self._moments[1]
+        middles, crosses, doubled = self._sectors
+        return middles + self.total(crosses[:, None] * doubled) / (6 * self.areas[:, None])
 
     @cached_property
-    def _moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _sectors(self) -> tuple[NDArray[np.float64], ...]:
+        """Each contour's mean vertex; each edge's cross product and sum of ends as seen from it."""
         middles = self.total(self.points[:, :2]) / self.counts[:, None]
         starts = self.points[:, :2] - np.repeat(middles, self.counts, axis=0)
         ends = starts[self.following]
-        crosses = starts[:, 0] * ends[:, 1] - starts[:, 1] * ends[:, 0]
-        areas = self.total(crosses) / 2
-        weighted = self.total(crosses[:, None] * (starts + ends))
-        return areas, middles + weighted / (6 * areas[:, None])
+        return middles, starts[:, 0] * ends[:, 1] - starts[:, 1] * ends[:, 0], starts + ends
 
     def total(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Add up, for each contour, one value per vertex."""

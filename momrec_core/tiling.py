@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any
+from itertools import chain
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from momrec_core.knots import Knot, KnotError, cap, join_knot
-from momrec_core.layers import Layer, Slab, hole_pairs, match_layers
+from momrec_core.layers import Layer, Slab
 from momrec_core.manifolds import double_shared_edges
 from momrec_core.noding import Edges, find_contacts
-from momrec_core.rings import Rings
+from momrec_core.rings import Rings, number_within
 from momrec_core.walking import walk_bands
 
 __all__ = ["tile"]
@@ -23,7 +21,7 @@ __all__ = ["tile"]
 CORNER = -1  # owner of the vertices that a contour has of itself
 
 
-def tile(layers: Sequence[Layer]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Join cross-sections into a closed surface.
 
     Between two layers, pieces that are each other's only overlap are joined contour by contour
@@ -32,8 +30,9 @@ def tile(layers: Sequence[Layer]) -> tuple[NDArray[np.float64], NDArray[np.int64
 
     Parameters
     ----------
-    layers : sequence of Layer
-        By increasing offset; empty ones at both ends close the surface.
+    slabs : sequence of Slab
+        By increasing offset, each on the layer that the one before ends at; empty layers at both
+        ends close the surface.
 
     Returns
     -------
@@ -42,28 +41,34 @@ def tile(layers: Sequence[Layer]) -> tuple[NDArray[np.float64], NDArray[np.int64
     triangles : array of int, shape (m, 3)
         Closed, edge-manifold, facing outward.
     """
-    contours = _Contours.of_layers(layers)
-    slabs = match_layers(list(pairwise(layers)))
-    bands = _bands(contours, layers, slabs)
-    links = {
-        (index, number): contours.insert_contacts(index, low, high)
-        for index, slab in enumerate(slabs)
-        for number, (low, high) in enumerate(slab.knots)
-        if low and high
-    }
+    contours = _Contours.of_layers([slabs[0].below, *(slab.above for slab in slabs)])
+    bands, knots = _bands(contours, slabs)
+    joins = [knot for knot in knots if knot.below and knot.above]
+    links = contours.insert_contacts(joins)
     contours.settle()
-    rings = contours.rings()
     triangles = [_divided(contours, bands)]
-    for (index, number), linked in links.items():
-        low, high = slabs[index].knots[number]
-        knot = Knot(
-            [[rings[ring] for ring in contours.pieces[index][piece]] for piece in low],
-            [[rings[ring] for ring in contours.pieces[index + 1][piece]] for piece in high],
-            linked,
-        )
-        triangles.append(_joined(contours, knot, index))
-    triangles.extend(_caps(contours, rings, slabs))
+    for join, linked in zip(joins, links, strict=True):
+        knot = Knot(contours.around(join.below), contours.around(join.above), linked)
+        triangles.append(_joined(contours, knot, join.slab))
+    triangles.extend(_caps(contours, knots))
     return double_shared_edges(contours.points, np.concatenate(triangles))
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Pieces of two adjacent layers that do not match one to one.
+
+    Attributes
+    ----------
+    slab : int
+        The slab between the layers.
+    below, above : list of range
+        The contours of each piece: shell, then holes.
+    """
+
+    slab: int
+    below: list[range]
+    above: list[range]
 
 
 @dataclass(eq=False)
@@ -72,161 +77,183 @@ class _Contours:
 
     Attributes
     ----------
-    points : array, shape (n, 3)
-        The contours' own corners, contour by contour, then the inserted vertices.
-    edges : array of int, shape (n,)
+    corners : Rings
+        The contours as they are cut, shape (n, 3).
+    base : array of int, shape (layers,)
+        The first contour of each layer.
+    points : array, shape (m, 3)
+        The corners, contour by contour, then the inserted vertices.
+    edges : array of int, shape (m,)
         The edge that a vertex lies on, numbered as the corner that it starts from.
-    along : array, shape (n,)
+    along : array, shape (m,)
         Where on that edge, 0 to 1; 0 for corners.
-    owners : array of int, shape (n,)
+    owners : array of int, shape (m,)
         The slab that a vertex was inserted for, or `CORNER`.
-    first : array of int, shape (number of contours + 1,)
-        The first corner of each contour.
-    pieces : list of list of list of int
-        Per layer and piece the contours: shell, then holes.
-    count : int
-        Number of vertices, with those in `added`.
-    order : array of int, shape (n,)
+    order : array of int, shape (m,)
         The vertices contour by contour, in their order around it.
-    added : list of (points, edges, along, owners)
-        The vertices that `settle` has yet to take in.
+    ends : array of int, shape (n + 1,)
+        Where in this order the vertices on each edge begin.
     """
 
+    corners: Rings
+    base: NDArray[np.int64]
     points: NDArray[np.float64]
     edges: NDArray[np.int64]
     along: NDArray[np.float64]
     owners: NDArray[np.int64]
-    first: NDArray[np.int64]
-    pieces: list[list[list[int]]]
-    count: int
     order: NDArray[np.int64]
-    added: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]]
+    ends: NDArray[np.int64]
 
     @classmethod
     def of_layers(cls, layers: Sequence[Layer]) -> _Contours:
-        loops: list[NDArray[np.float64]] = []
-        pieces: list[list[list[int]]] = []
-        for layer in layers:
-            pieces.append([])
-            for piece in layer.pieces:
-                rings = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(piece)]
-                pieces[-1].append(list(range(len(loops), len(loops) + len(rings))))
-                loops.extend(np.c_[ring, np.full(len(ring), layer.offset)] for ring in rings)
-        points = np.concatenate(loops)
-        first = np.cumsum([0, *(len(loop) for loop in loops)])
+        counts = np.concatenate([layer.rings.counts for layer in layers])
+        heights = np.repeat(
+            [layer.offset for layer in layers], [len(layer.rings.points) for layer in layers]
+        )
+        plane = np.concatenate([layer.rings.points for layer in layers])
+        points = np.column_stack([plane, heights])
+        corners = Rings(points, np.concatenate([[0], np.cumsum(counts)]))
+        base = np.cumsum([0, *(len(layer.rings.counts) for layer in layers)])
         count = len(points)
+        numbers = np.arange(count)
+        ends = np.arange(count + 1)
         owners = np.full(count, CORNER)
-        corners = np.arange(count)
-        return cls(points, corners, np.zeros(count), owners, first, pieces, count, corners, [])
+        return cls(corners, base, points, numbers, np.zeros(count), owners, numbers, ends)
 
-    def insert_contacts(self, slab: int, low: list[int], high: list[int]) -> NDArray[np.int64]:
-        """Put vertices where pieces below and above a slab touch or cross.
+    def group(
+        self, slabs: Sequence[Slab], index: int, pieces: tuple[list[int], list[int]]
+    ) -> _Group:
+        """Return pieces below and above a slab as a group."""
+        slab = slabs[index]
+        sides = []
+        for layer, base, chosen in zip(
+            (slab.below, slab.above), self.base[index : index + 2].tolist(), pieces, strict=True
+        ):
+            own = [layer.contours(piece) for piece in chosen]
+            sides.append([range(base + piece.start, base + piece.stop) for piece in own])
+        return _Group(index, *sides)
+
+    def insert_contacts(self, joins: Sequence[_Group]) -> list[NDArray[np.int64]]:
+        """Put vertices where the pieces below and above touch or cross.
 
         Returns
         -------
-        links : array of int, shape (n, 2)
-            The vertices below and above that lie upon each other.
+        links : list of array of int, shape (n, 2)
+            For each group, the vertices below and above that lie upon each other.
         """
-        below = self.corners([ring for piece in low for ring in self.pieces[slab][piece]])
-        above = self.corners([ring for piece in high for ring in self.pieces[slab + 1][piece]])
-        contacts = find_contacts(self._edges_of(below), self._edges_of(above))
-        sides = (
-            (np.concatenate(below)[contacts.below], contacts.below_at),
-            (np.concatenate(above)[contacts.above], contacts.above_at),
+        if not joins:
+            return []
+        vertices, edges = zip(
+            *(
+                self._edges_of([list(chain(*getattr(join, side))) for join in joins])
+                for side in ("below", "above")
+            ),
+            strict=True,
         )
-        return np.column_stack([self._insert(*side, contacts.points, slab) for side in sides])
+        contacts = find_contacts(*edges)
+        groups = edges[0].groups[contacts.below]
+        slabs = np.array([join.slab for join in joins])[groups]
+        links = np.column_stack(
+            [
+                self._insert(
+                    vertices[0][contacts.below], contacts.below_at, contacts.points, slabs
+                ),
+                self._insert(
+                    vertices[1][contacts.above], contacts.above_at, contacts.points, slabs
+                ),
+            ]
+        )
+        order = np.argsort(groups, kind="stable")
+        return np.split(links[order], np.searchsorted(groups[order], np.arange(1, len(joins))))
 
-    def corners(self, rings: list[int]) -> list[NDArray[np.int64]]:
-        """Return the corners around contours."""
-        return [np.arange(self.first[ring], self.first[ring + 1]) for ring in rings]
-
-    def _edges_of(self, corners: list[NDArray[np.int64]]) -> Edges:
-        return Edges.of_rings([self.points[ring, :2] for ring in corners])
+    def _edges_of(self, contours: Sequence[list[int]]) -> tuple[NDArray[np.int64], Edges]:
+        """Return the corners that the edges of groups of contours start from, and these edges."""
+        counts = np.array([len(group) for group in contours])
+        corners, places = self.corners.around(np.array([*chain(*contours)], dtype=np.int64))
+        groups = np.repeat(np.arange(len(counts)), counts)[places]
+        starts = self.corners.points[corners, :2]
+        ends = self.corners.points[self.corners.following[corners], :2]
+        return corners, Edges(starts, ends, groups)
 
     def _insert(
         self,
         edges: NDArray[np.int64],
         along: NDArray[np.float64],
         points: NDArray[np.float64],
-        slab: int,
+        slabs: NDArray[np.int64],
     ) -> NDArray[np.int64]:
         """Return the vertices at places on edges, new ones where there is no corner."""
         new = np.flatnonzero(along > 0)
         vertices = edges.copy()
-        vertices[new] = self.count + np.arange(len(new))
-        self.count += len(new)
-        added = np.c_[points[new], self.points[edges[new], 2]]
-        self.added.append((added, edges[new], along[new], np.full(len(new), slab)))
+        vertices[new] = len(self.points) + np.arange(len(new))
+        added = np.column_stack([points[new], self.points[edges[new], 2]])
+        self.points = np.concatenate([self.points, added])
+        self.edges = np.concatenate([self.edges, edges[new]])
+        self.along = np.concatenate([self.along, along[new]])
+        self.owners = np.concatenate([self.owners, slabs[new]])
         return vertices
 
     def settle(self) -> None:
-        """Take in the inserted vertices."""
-        columns = (self.points, self.edges, self.along, self.owners)
-        self.points, self.edges, self.along, self.owners = (
-            np.concatenate(parts) for parts in zip(columns, *self.added, strict=True)
-        )
-        self.added.clear()
+        """Put the inserted vertices in their places around the contours."""
         self.order = np.lexsort([self.along, self.edges])
+        self.ends = np.searchsorted(self.edges[self.order], np.arange(len(self.ends)))
 
-    def rings(self) -> list[NDArray[np.int64]]:
-        """Return the vertices around each contour, the inserted ones in their places."""
-        ends = np.searchsorted(self.edges[self.order], self.first)
-        return [self.order[start:end] for start, end in pairwise(ends)]
-
-    def on_edge(self, edge: int) -> NDArray[np.int64]:
-        """Return the vertices on an edge in order, from its first corner."""
-        start, end = np.searchsorted(self.edges[self.order], [edge, edge + 1])
-        return self.order[start:end]
+    def around(self, pieces: Sequence[range]) -> list[list[NDArray[np.int64]]]:
+        """Return the vertices around the contours of pieces, the inserted ones in their places."""
+        first = self.ends[self.corners.first]
+        return [[self.order[first[ring] : first[ring + 1]] for ring in piece] for piece in pieces]
 
 
-def _bands(
-    contours: _Contours, layers: Sequence[Layer], slabs: Sequence[Slab]
-) -> NDArray[np.int64]:
+def _bands(contours: _Contours, slabs: Sequence[Slab]) -> tuple[NDArray[np.int64], list[_Group]]:
     """Join the contours that match one to one.
-
-    Pairs of pieces that are poorly joined so are made knots of their slab.
 
     Returns
     -------
     triangles : array of int, shape (m, 3)
         As in `Bands`, between the contours' own corners.
+    groups : list of _Group
+        The pieces that are left: the knots, and pairs of pieces that are poorly joined so.
     """
-    owners: list[tuple[int, tuple[int, int]]] = []
-    pairs: list[tuple[int, int]] = []
-    for index, slab in enumerate(slabs):
-        for low, high in slab.pairs:
-            holes = hole_pairs(layers[index].pieces[low], layers[index + 1].pieces[high]) or []
-            for first, second in [(0, 0), *((a + 1, b + 1) for a, b in holes)]:
-                owners.append((index, (low, high)))
-                below, above = contours.pieces[index][low], contours.pieces[index + 1][high]
-                pairs.append((below[first], above[second]))
-    rings = Rings(contours.points, contours.first)
-    bands = walk_bands(rings, np.array(pairs, dtype=np.int64).reshape(-1, 2))
-    poor = {owners[band] for band in np.flatnonzero(bands.is_poor)}
-    for index, (low, high) in poor:
-        slabs[index].pairs.remove((low, high))
-        slabs[index].knots.append(([low], [high]))
-    kept = np.array([owner not in poor for owner in owners], dtype=bool)
-    return np.asarray(bands.triangles[kept[bands.bands]])
+    owners = [(index, pieces) for index, slab in enumerate(slabs) for pieces in slab.pairs]
+    counts = [len(slabs[index].pairs[pieces]) for index, pieces in owners]
+    pairs = np.array(
+        [
+            contours.base[index : index + 2] + pair
+            for index, pieces in owners
+            for pair in slabs[index].pairs[pieces]
+        ],
+        dtype=np.int64,
+    ).reshape(-1, 2)
+    bands = walk_bands(contours.corners, pairs)
+    owner_of = np.repeat(np.arange(len(owners)), counts)
+    is_poor = np.bincount(owner_of, weights=bands.is_poor, minlength=len(owners)) > 0
+    groups = [(index, group) for index, slab in enumerate(slabs) for group in slab.knots]
+    for poor in np.flatnonzero(is_poor):
+        index, (low, high) = owners[poor]
+        groups.append((index, ([low], [high])))
+    kept = ~is_poor[owner_of][bands.bands]
+    return bands.triangles[kept], [contours.group(slabs, *it) for it in groups]
 
 
 def _divided(contours: _Contours, triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """Divide the triangles of bands along contours that have got vertices on their edges."""
-    heights = contours.points[triangles, 2]
-    runs = heights[:, 1] > heights[:, 0]
-    edges = np.where(runs, triangles[:, 2], triangles[:, 0])
-    inserted = np.unique(contours.edges[contours.owners != CORNER])
-    touched = np.isin(edges, inserted)
-    parts = [triangles[~touched]]
-    for triangle, edge, is_run in zip(
-        triangles[touched], edges[touched], runs[touched], strict=True
-    ):
-        end = triangle[1]
-        chain = np.append(contours.on_edge(edge), end)
-        apex = np.full(len(chain) - 1, triangle[0] if is_run else triangle[2])
-        fan = (apex, chain[1:], chain[:-1]) if is_run else (chain[:-1], chain[1:], apex)
-        parts.append(np.column_stack(fan))
-    return np.concatenate(parts)
+    low, end, high = triangles.T
+    runs = contours.points[end, 2] > contours.points[low, 2]
+    edges, apexes = np.where(runs, [high, low], [low, high])
+    first = contours.ends[edges]
+    owners, positions = number_within(contours.ends[edges + 1] - first)
+    at = first[owners] + positions
+    here = contours.order[at]
+    is_last = at + 1 == contours.ends[edges + 1][owners]
+    there = np.where(is_last, end[owners], contours.order[(at + 1) % len(contours.order)])
+    is_run = runs[owners]
+    return np.column_stack(
+        [
+            np.where(is_run, apexes[owners], here),
+            there,
+            np.where(is_run, here, apexes[owners]),
+        ]
+    )
 
 
 def _joined(contours: _Contours, knot: Knot, slab: int) -> NDArray[np.int64]:
@@ -240,17 +267,12 @@ def _joined(contours: _Contours, knot: Knot, slab: int) -> NDArray[np.int64]:
         return np.concatenate(caps)
 
 
-def _caps(
-    contours: _Contours, rings: list[NDArray[np.int64]], slabs: Sequence[Slab]
-) -> list[NDArray[np.int64]]:
+def _caps(contours: _Contours, groups: Sequence[_Group]) -> list[NDArray[np.int64]]:
     """Close the pieces that have nothing above or below them."""
     caps = []
-    for index, slab in enumerate(slabs):
-        for low, high in slab.knots:
-            if not high:
-                loops = [rings[ring] for ring in contours.pieces[index][low[0]]]
-                caps.append(cap(contours.points, loops))
-            elif not low:
-                loops = [rings[ring] for ring in contours.pieces[index + 1][high[0]]]
-                caps.append(cap(contours.points, loops)[:, ::-1])
+    for group in groups:
+        if not group.above:
+            caps.append(cap(contours.points, *contours.around(group.below)))
+        elif not group.below:
+            caps.append(cap(contours.points, *contours.around(group.above))[:, ::-1])
     return caps
