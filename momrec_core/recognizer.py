@@ -14,6 +14,7 @@ import trimesh
 from momrec_core.canonical import CanonicalShape, normalize
 from momrec_core.errors import EmptyHullError, MomrecError, NoCommonLineError
 from momrec_core.hull import VisualHull
+from momrec_core.moments import enclosed_volume
 from momrec_core.view import View
 
 if TYPE_CHECKING:
@@ -62,12 +63,12 @@ class ObjectResult:
     @property
     def area(self) -> float:
         """Area of the mesh, square metres."""
-        return float(self.mesh.area)
+        return float(self.canonical.moments[0, 0, 0] / self.canonical.scale**2)
 
     @property
     def volume(self) -> float:
         """Volume within the mesh, cubic metres."""
-        return float(self.mesh.volume)
+        return enclosed_volume(self.canonical.mesh) / self.canonical.scale**3
 
 
 class Recognizer:

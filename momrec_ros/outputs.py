@@ -198,7 +198,7 @@ def _mesh_marker(result: ObjectResult, header: Header, pose: Pose) -> Marker:
         type=MarkerType.TRIANGLE_LIST,
         pose=pose,
         color=MESH_COLOR,
-        points=vertices[result.mesh.faces].reshape(-1, 3),
+        points=np.take(vertices, np.ravel(result.mesh.faces), axis=0),
         text=_label(result),
     )
 

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from momrec_core import DegenerateShapeError, surface_moments
+from momrec_core.moments import enclosed_volume
 
 ORDER = 8
 GRID = 1024  # coordinates are multiples of 1 / GRID, so that the reference computes with integers
@@ -134,6 +135,26 @@ def test_moments_of_many_faces_are_summed_over_all_chunks() -> None:
     assert moments[2, 0, 0] == pytest.approx(4 * np.pi / 3, rel=1e-2)
     flipped = trimesh.Trimesh(mesh.vertices, mesh.faces[::-1, ::-1], process=False)
     np.testing.assert_allclose(surface_moments(flipped), moments, rtol=1e-12, atol=1e-12)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_volume_of_a_tetrahedron_is_a_determinant_with_the_sign_of_its_winding(
+    seed: int,
+) -> None:
+    corners = np.random.default_rng(seed).uniform(-1.0, 1.0, (4, 3))
+    expected = np.linalg.det(corners[1:] - corners[0]) / 6.0
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    outward = trimesh.Trimesh(corners, faces, process=False)
+    inward = trimesh.Trimesh(corners, faces[:, ::-1], process=False)
+    assert enclosed_volume(outward) == pytest.approx(expected, rel=1e-12, abs=1e-15)
+    assert enclosed_volume(inward) == pytest.approx(-expected, rel=1e-12, abs=1e-15)
+
+
+def test_the_volume_of_a_torus_is_near_that_of_the_round_one() -> None:
+    sections = 64
+    torus = trimesh.creation.torus(2.0, 0.5, sections, sections)
+    assert enclosed_volume(torus) == pytest.approx(torus.volume, rel=1e-12)
+    assert enclosed_volume(torus) == pytest.approx(2 * np.pi**2 * 2.0 * 0.5**2, rel=5e-3)
 
 
 @pytest.mark.parametrize(
