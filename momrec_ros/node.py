@@ -47,7 +47,7 @@ from momrec_ros.messages import ViewDecoder
 from momrec_ros.node_parameters import declare_parameters
 from momrec_ros.outputs import RESULT_TYPES, Output
 from momrec_ros.parameters import NODE_PARAMETERS, Reliability
-from momrec_ros.pipeline import Activity, Input, Pace, Pipeline
+from momrec_ros.pipeline import JOINT_OUTPUTS, Activity, Input, Pace, Pipeline
 from momrec_ros.session import Session, Tally
 from momrec_ros.transforms import TRANSFORMS_TYPE
 
@@ -63,7 +63,6 @@ OPTIONAL_TYPES = {
     "tf": (TRANSFORMS_TYPE, "tf2_ros"),
     "detections": (DETECTIONS_TYPE, "vision_msgs"),
 }
-STATE_OUTPUTS = ("principal_frame", "label", "detections", "markers")  # only the last one counts
 TF_QUEUE = 100  # as of every broadcaster of transforms
 DIAGNOSTICS_PERIOD = 1.0  # seconds
 PATIENCE = 0.3  # seconds that a computation gets to end before the process does
@@ -219,13 +218,13 @@ class RecognizerNode(LifecycleNode):
                 self.get_logger().info(f"{name} is off: {package} is not installed")
             else:
                 self.get_logger().info(f"{name} is on")
-        deep = self._value(parameters.MAX_OBJECTS)
+        max_objects = self._value(parameters.MAX_OBJECTS)
         for name, kind in types.items():
             if name == "tf":
                 self._outputs[name] = self.create_lifecycle_publisher(kind, "/tf", TF_QUEUE)
                 continue
             qos = QoSProfile(
-                depth=1 if name in STATE_OUTPUTS else deep,
+                depth=1 if name in JOINT_OUTPUTS else max_objects,
                 reliability=ReliabilityPolicy.RELIABLE,
                 durability=DurabilityPolicy.TRANSIENT_LOCAL,
             )

@@ -24,12 +24,12 @@ from momrec_ros.outputs import Output, markers_message, removed_message, result_
 from momrec_ros.session import NANOSECONDS, Cause, Ended, Outcome, Result, Session, Tally
 from momrec_ros.transforms import transform_message
 
-__all__ = ["Activity", "Input", "Log", "Pace", "Pipeline"]
+__all__ = ["JOINT_OUTPUTS", "Activity", "Input", "Log", "Pace", "Pipeline"]
 
 MAX_WAITING_BYTES = 1 << 29  # of messages that wait to be read: seconds of any rig's contours
 POLL = 0.1  # seconds between looks at what may be overdue
 QUIET = 5.0  # seconds between log lines of one kind, so that a bad camera does not fill the disk
-JOINT = ("detections", "markers")  # outputs that tell of all objects at a time
+JOINT_OUTPUTS = ("detections", "markers")  # each message tells of all objects
 
 
 class Input(StrEnum):
@@ -402,7 +402,7 @@ class Pipeline:
         if self._is_joint_stale and self._joint_at <= now and self._header is not None:
             self._is_joint_stale = False
             self._joint_at = now + 1 / self.pace.publish_rate
-            self._send([self._joint(name) for name in JOINT if self._is_wanted(name)])
+            self._send([self._joint(name) for name in JOINT_OUTPUTS if self._is_wanted(name)])
 
     def _joint(self, name: str) -> Output:
         results = [live.result for live in self._live.values() if live.result is not None]
@@ -426,7 +426,7 @@ class Pipeline:
             self._log.info(f"object {object_id!r} is ended: no view for object_timeout")
 
     def _serve(self, name: str) -> None:
-        if name in JOINT:
+        if name in JOINT_OUTPUTS:
             self._is_joint_stale = True
             return
         for live in self._live.values():
