@@ -62,11 +62,10 @@ def _arguments() -> list[DeclareLaunchArgument]:
 
 
 def _recognizer(context: LaunchContext) -> list[LifecycleNode]:
-    values = {name: LaunchConfiguration(name).perform(context) for name in PARAMETER_TYPES}
     given = {
-        name: ParameterValue(value, value_type=PARAMETER_TYPES[name])
-        for name, value in values.items()
-        if value
+        name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+        for name, kind in PARAMETER_TYPES.items()
+        if LaunchConfiguration(name).perform(context)
     }
     return [
         LifecycleNode(
