@@ -19,7 +19,7 @@ from momrec_ros.definitions import TYPE_HASHES, message_definition
 from momrec_ros.errors import BagError
 from momrec_ros.files import new_file, new_folder
 from momrec_ros.messages import StampedView, encode_view
-from momrec_ros.outputs import markers_message, result_messages
+from momrec_ros.outputs import markers_message, object_markers, result_messages
 from momrec_ros.session import Result
 
 if TYPE_CHECKING:  # bags without results need no scikit-learn
@@ -217,7 +217,7 @@ class BagWriter:
         CdrError, BagError
             If the stamp or a name fits no message.
         """
-        markers = markers_message([Result(result, stamp, frame_id)])
+        markers = markers_message([object_markers(Result(result, stamp, frame_id))])
         for output in (*result_messages(result, stamp, frame_id), markers):
             self._write(f"/{NODE_NAME}/{output.name}", output.type_name, stamp, output.data)
 

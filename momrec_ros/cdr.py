@@ -250,6 +250,22 @@ class CdrWriter:
         self.count(len(given))
         self._append(_number_bytes(given, dtype), dtype.itemsize)
 
+    def fields(self, content: bytes, alignment: int) -> None:
+        """Write what a writer of its own wrote, which `content` returned.
+
+        Parameters
+        ----------
+        content : bytes
+            Fields of which none is aligned to more than ``alignment``.
+        alignment : int
+            4 or 8 bytes.
+        """
+        self._append(content, alignment)
+
+    def content(self) -> bytes:
+        """Return the fields so far, without the encapsulation header."""
+        return b"".join(self._parts[1:])
+
     def finish(self) -> bytes:
         """Return the serialised message."""
         return b"".join(self._parts)

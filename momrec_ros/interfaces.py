@@ -28,6 +28,7 @@ __all__ = [
     "Level",
     "Marker",
     "MarkerAction",
+    "MarkerBlock",
     "MarkerType",
     "MeshFile",
     "ObjectHypothesisWithPose",
@@ -47,6 +48,7 @@ __all__ = [
     "encode_diagnostic_array",
     "encode_marker",
     "encode_marker_array",
+    "encode_marker_blocks",
     "encode_mesh",
     "encode_polygon_stamped",
     "encode_pose_stamped",
@@ -193,6 +195,28 @@ class Marker:
 
 
 @dataclass(frozen=True)
+class MarkerBlock:
+    """Markers serialised once for any place in any array.
+
+    From the first marker's pose on everything is aligned to 8 bytes; only the few fields before
+    it, aligned to 4, may lie in two ways.
+
+    Attributes
+    ----------
+    count : int
+        Markers.
+    name : bytes
+        The first marker's fields before its pose.
+    rest : bytes
+        All that follows.
+    """
+
+    count: int
+    name: bytes
+    rest: bytes
+
+
+@dataclass(frozen=True)
 class DiagnosticStatus:
     """diagnostic_msgs/DiagnosticStatus; values are pairs of key and value."""
 
@@ -323,9 +347,17 @@ def _read_marker(reader: CdrReader) -> Marker:
 
 
 def _write_marker(writer: CdrWriter, marker: Marker) -> None:
+    _write_marker_name(writer, marker)
+    _write_marker_shape(writer, marker)
+
+
+def _write_marker_name(writer: CdrWriter, marker: Marker) -> None:
     _write_header(writer, marker.header)
     writer.string(marker.ns)
     writer.numbers("3i", 4, marker.id, marker.type, marker.action)
+
+
+def _write_marker_shape(writer: CdrWriter, marker: Marker) -> None:
     pose = marker.pose
     numbers = (*pose.position, *pose.orientation, *marker.scale, *marker.color)
     lifetime = divmod(marker.lifetime, SECOND)
@@ -377,6 +409,32 @@ def encode_marker_array(markers: Sequence[Marker]) -> bytes:
     writer.count(len(markers))
     for marker in markers:
         _write_marker(writer, marker)
+    return writer.finish()
+
+
+def marker_block(first: Marker, *others: Marker) -> MarkerBlock:
+    """Write markers for an array that is put together later.
+
+    Raises
+    ------
+    CdrError
+        If a value fits no message.
+    """
+    name, rest = CdrWriter(), CdrWriter()
+    _write_marker_name(name, first)
+    _write_marker_shape(rest, first)
+    for marker in others:
+        _write_marker(rest, marker)
+    return MarkerBlock(1 + len(others), name.content(), rest.content())
+
+
+def encode_marker_blocks(blocks: Sequence[MarkerBlock]) -> bytes:
+    """Write a visualization_msgs/MarkerArray of all markers of blocks, in their order."""
+    writer = CdrWriter()
+    writer.count(sum(block.count for block in blocks))
+    for block in blocks:
+        writer.fields(block.name, 4)
+        writer.fields(block.rest, 8)
     return writer.finish()
 
 

@@ -21,15 +21,17 @@ from momrec_ros.interfaces import (
     Level,
     Marker,
     MarkerAction,
+    MarkerBlock,
     MarkerType,
     Pose,
     PoseStamped,
     encode_diagnostic_array,
     encode_marker,
-    encode_marker_array,
+    encode_marker_blocks,
     encode_mesh,
     encode_pose_stamped,
     encode_string,
+    marker_block,
 )
 from momrec_ros.messages import pose_from_matrix, rings_in_camera
 
@@ -42,6 +44,7 @@ __all__ = [
     "UNKNOWN",
     "Output",
     "markers_message",
+    "object_markers",
     "removed_message",
     "result_diagnostics",
     "result_markers",
@@ -121,30 +124,51 @@ def result_messages(result: ObjectResult, stamp: int, frame_id: str) -> list[Out
     return [_output(name, data) for name, data in encoded.items()]
 
 
-def markers_message(results: Sequence[Result], *, clear: Header | None = None) -> Output:
+def object_markers(result: Result) -> MarkerBlock:
+    """Write what people look at of one object, for `markers_message`.
+
+    Parameters
+    ----------
+    result : Result
+        Of one object.
+
+    Returns
+    -------
+    block : MarkerBlock
+        The markers of `result_markers`.
+
+    Raises
+    ------
+    CdrError
+        If the stamp or a name fits no message.
+    """
+    return marker_block(*result_markers(result.result, Header(result.stamp, result.frame_id)))
+
+
+def markers_message(objects: Sequence[MarkerBlock], *, clear: Header | None = None) -> Output:
     """Write what people look at, of several objects, as one message.
 
     Parameters
     ----------
-    results : sequence of Result
-        One an object.
+    objects : sequence of MarkerBlock
+        Of each object, from `object_markers`; those of objects that did not change serve again.
     clear : Header, optional
         Of a first marker that tells displays to drop what they show; None for no such marker.
 
     Returns
     -------
     output : Output
-        With the markers of `result_markers`, object by object.
+        The markers, object by object.
 
     Raises
     ------
     CdrError
-        If a stamp or a name fits no message.
+        If the header fits no message.
     """
-    markers = [] if clear is None else [Marker(clear, action=MarkerAction.DELETEALL)]
-    for item in results:
-        markers += result_markers(item.result, Header(item.stamp, item.frame_id))
-    return _output("markers", encode_marker_array(markers))
+    blocks = list(objects)
+    if clear is not None:
+        blocks.insert(0, marker_block(Marker(clear, action=MarkerAction.DELETEALL)))
+    return _output("markers", encode_marker_blocks(blocks))
 
 
 def removed_message(object_id: str, stamp: int, frame_id: str) -> Output:

@@ -18,9 +18,15 @@ from typing import Protocol
 from momrec_core.errors import MomrecError, NoCommonLineError
 from momrec_ros.detections import DETECTIONS_TYPE, detection_array
 from momrec_ros.errors import Reason
-from momrec_ros.interfaces import Header, encode_detection_array
+from momrec_ros.interfaces import Header, MarkerBlock, encode_detection_array
 from momrec_ros.messages import Event, StampedView, ViewDecoder
-from momrec_ros.outputs import Output, markers_message, removed_message, result_messages
+from momrec_ros.outputs import (
+    Output,
+    markers_message,
+    object_markers,
+    removed_message,
+    result_messages,
+)
 from momrec_ros.session import NANOSECONDS, Cause, Ended, Outcome, Result, Session, Tally
 from momrec_ros.transforms import transform_message
 
@@ -123,6 +129,7 @@ class _Live:
     next_at: float = 0.0  # seconds, steady
     result: Result | None = None
     outputs: Sequence[Output] = ()
+    markers: MarkerBlock | None = None  # of the result, once asked for
 
 
 class Pipeline:
@@ -387,7 +394,7 @@ class Pipeline:
             *result_messages(result.result, result.stamp, result.frame_id),
             transform_message(result, self._frame_prefix),
         ]
-        live.result = result
+        live.result, live.markers = result, None
         self._header = Header(result.stamp, result.frame_id)
         self._is_joint_stale = True
         self._send(live.outputs)
@@ -405,11 +412,20 @@ class Pipeline:
             self._send([self._joint(name) for name in JOINT_OUTPUTS if self._is_wanted(name)])
 
     def _joint(self, name: str) -> Output:
-        results = [live.result for live in self._live.values() if live.result is not None]
         if name == "markers":
-            return markers_message(results, clear=self._header)
+            return self._markers()
+        results = [live.result for live in self._live.values() if live.result is not None]
         array = detection_array(results, self._header)
         return Output(name, DETECTIONS_TYPE, encode_detection_array(array))
+
+    def _markers(self) -> Output:
+        blocks = []
+        for live in self._live.values():
+            if live.markers is None and live.result is not None:
+                live.markers = object_markers(live.result)
+            if live.markers is not None:
+                blocks.append(live.markers)
+        return markers_message(blocks, clear=self._header)
 
     def _remove(self, ended: Ended) -> None:
         object_id = ended.object_id

@@ -209,6 +209,14 @@ def test_marker_arrays_are_the_bytes_of_rclpy_and_come_back(given_markers):
         assert_equal_markers(ours, expected)
 
 
+@given(st.lists(st.lists(markers, min_size=1, max_size=2), max_size=3))
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_markers_written_in_blocks_are_those_written_at_once(groups):
+    blocks = [interfaces.marker_block(*group) for group in groups]
+    at_once = interfaces.encode_marker_array([marker for group in groups for marker in group])
+    assert interfaces.encode_marker_blocks(blocks) == at_once
+
+
 @given(markers)
 @settings(max_examples=30, deadline=None, derandomize=True)
 def test_a_marker_is_the_bytes_of_rclpy(marker):

@@ -31,6 +31,7 @@ from momrec_ros.interfaces import (
 )
 from momrec_ros.outputs import (
     markers_message,
+    object_markers,
     removed_message,
     result_diagnostics,
     result_markers,
@@ -147,7 +148,7 @@ def test_people_see_axes_label_and_every_contour_where_it_was_seen(named):
 def test_the_markers_of_all_objects_are_one_message_that_may_clear_the_display(named, clear):
     other = replace(named, object_id="another one")
     results = [Result(named, STAMP, "world"), Result(other, STAMP + 7, "world")]
-    output = markers_message(results, clear=clear)
+    output = markers_message([object_markers(result) for result in results], clear=clear)
     markers = [
         *([] if clear is None else [Marker(clear, action=MarkerAction.DELETEALL)]),
         *result_markers(named, Header(STAMP, "world")),
