@@ -1,6 +1,6 @@
 # Two commands do all set-up on a machine that has only Python >= 3.11 and make:
 #   make demo    recorded contours to meshes, canonical shapes and names
-#   make test    the whole test suite
+#   make test    the whole test suite, the way a ROS user runs it: colcon build, colcon test
 
 PYTHON ?= python3
 VENV := .venv
@@ -12,8 +12,9 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 demo: $(VENV)/runtime
 	$(BIN)/momrec demo --output demo
 
-test: $(VENV)/development
-	$(BIN)/python -m pytest --numprocesses auto
+test: colcon
+	. $(BIN)/activate && colcon test --return-code-on-test-failure \
+		--event-handlers console_direct+ --pytest-args --numprocesses auto
 
 lint: $(VENV)/development
 	$(BIN)/ruff check .
@@ -23,8 +24,7 @@ lint: $(VENV)/development
 
 # What a ROS user types after sourcing ROS, here with ROS from wheels.
 colcon: $(VENV)/development
-	. $(BIN)/activate && test "$$(colcon list --names-only)" = momrec_ros
-	. $(BIN)/activate && colcon list | grep --quiet '(ros.ament_python)'
+	. $(BIN)/activate && test "$$(colcon list)" = "$$(printf 'momrec_ros\t.\t(ros.ament_python)')"
 	. $(BIN)/activate && colcon build --event-handlers console_cohesion+
 	. install/setup.sh && install/momrec_ros/lib/momrec_ros/momrec --version
 

@@ -1,5 +1,6 @@
 """What the README says is true."""
 
+import json
 import re
 import shlex
 import subprocess
@@ -8,8 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from momrec_ros.bag import read_bag
+from momrec_ros.errors import Reason
+from momrec_ros.outputs import RESULT_TYPES
+from momrec_ros.parameters import NODE_PARAMETERS
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
@@ -48,6 +53,31 @@ def test_the_shipped_bag_is_what_the_command_makes(tmp_path):
 def test_every_command_is_in_the_readme():
     for name in ("demo", "replay", "simulate", "train", "reconstruct"):
         assert f"    momrec {name}" in README
+
+
+@pytest.mark.parametrize("parameter", NODE_PARAMETERS, ids=lambda parameter: parameter.name)
+def test_every_parameter_of_the_node_is_in_the_readme(parameter):
+    kind = ": ".join(filter(None, (parameter.type_name, parameter.allowed)))
+    default = json.dumps(parameter.default)
+    row = f"| `{parameter.name}` | {kind} | `{default}` | {parameter.description}"
+    assert row in README
+
+
+def test_the_parameter_file_has_every_parameter_with_its_default_and_meaning():
+    text = (ROOT / "config" / "recognizer.yaml").read_text()
+    (node,) = yaml.safe_load(text).values()
+    assert node["ros__parameters"] == {
+        parameter.name: parameter.default for parameter in NODE_PARAMETERS
+    }
+    for parameter in NODE_PARAMETERS:
+        assert f"    # {parameter.description}\n" in text
+
+
+def test_every_reason_and_every_output_is_in_the_readme():
+    for reason in Reason:
+        assert re.search(rf"^\|.*`{reason}`.*\|", README, re.MULTILINE)
+    for name, type_name in RESULT_TYPES.items():
+        assert f"| `~/{name}` | {type_name.replace('/msg', '')} |" in README
 
 
 def test_the_picture_is_there_and_small():
