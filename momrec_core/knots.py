@@ -13,37 +13,50 @@ G. Barequet and M. Sharir, Piecewise-linear interpolation between polygonal slic
 
 from __future__ import annotations
 
-from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
 
 import manifold3d
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-__all__ = ["Knot", "KnotError", "cap", "join_knot"]
+from momrec_core.rings import number_within
 
-Triangles = list[tuple[int, int, int]]
-
-
-class KnotError(Exception):
-    """The contours' contacts contradict each other, by rounding."""
+__all__ = ["Knots", "cap", "join_knots"]
 
 
 @dataclass(frozen=True, eq=False)
-class Knot:
-    """A group of contours below and above with what they share.
+class Knots:
+    """Groups of contours below and above, each group with what its contours share.
 
     Attributes
     ----------
-    below, above : list of list of array of int
-        Per piece the contours, as vertex indices in order: shell, then holes.
-    links : array of int, shape (n, 2)
+    vertices : array of int, shape (n,)
+        The vertices around all contours, one contour behind the other.
+    is_own : array of bool, shape (n,)
+        Whether a vertex takes part in its knot's contacts; the others lie on straight edges and
+        are there for the slab on the other side. The first of a contour does.
+    first : array of int, shape (contours + 1,)
+        Where each contour begins in `vertices`.
+    pieces : array of int, shape (contours,)
+        The piece that each contour is of: its shell, then its holes.
+    knots : array of int, shape (pieces,)
+        The knot that each piece is of.
+    is_above : array of bool, shape (pieces,)
+        Whether a piece is of the layer above.
+    links : array of int, shape (m, 2)
         Vertices below and above that lie upon each other.
     """
 
-    below: list[list[NDArray[np.int64]]]
-    above: list[list[NDArray[np.int64]]]
+    vertices: NDArray[np.int64]
+    is_own: NDArray[np.bool_]
+    first: NDArray[np.int64]
+    pieces: NDArray[np.int64]
+    knots: NDArray[np.int64]
+    is_above: NDArray[np.bool_]
     links: NDArray[np.int64]
 
 
@@ -66,148 +79,281 @@ def cap(points: NDArray[np.float64], contours: list[NDArray[np.int64]]) -> NDArr
     return np.asarray(np.concatenate(contours)[manifold3d.triangulate(loops)])
 
 
-def join_knot(
-    points: NDArray[np.float64], knot: Knot, is_own: NDArray[np.bool_]
-) -> NDArray[np.int64]:
-    """Join a group of contours.
+def join_knots(
+    points: NDArray[np.float64], knots: Knots
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Join groups of contours.
 
     Parameters
     ----------
     points : array, shape (n, 3)
         All vertices, in the planes' frame.
-    knot : Knot
+    knots : Knots
         The contours.
-    is_own : array of bool, shape (n,)
-        Whether a vertex takes part in this slab's contacts; the others lie on straight edges
-        and are there for the slab on the other side.
 
     Returns
     -------
     triangles : array of int, shape (m, 3)
         Facing outward. Each edge of a contour is used once.
-
-    Raises
-    ------
-    KnotError
-        If the regions' borders do not close.
+    failed : array of int
+        The knots that are left out, as their contacts contradict each other, by rounding.
     """
-    flat = {int(high): int(low) for low, high in knot.links}
-    if len(flat) < len(knot.links) or len(set(flat.values())) < len(knot.links):
-        raise KnotError("a vertex touches two others")
-    below = [chain for piece in knot.below for ring in piece for chain in _chains(ring, is_own)]
-    above = [chain for piece in knot.above for ring in piece for chain in _chains(ring, is_own)]
-    by_ends = {_ends(chain, flat): chain for chain in below}
-    walls: Triangles = []
-    up: list[list[int]] = []
-    down: list[list[int]] = []
-    alone: list[list[int]] = []
-    for chain in above:
-        start, end = _ends(chain, flat)
-        if (start, end) in by_ends:
-            walls.extend(_wall(by_ends.pop((start, end)), chain))
-        elif (end, start) in by_ends:
-            up.append(by_ends.pop((end, start)))
-            down.append(chain)
-        else:
-            alone.append(chain)
-    rest = list(by_ends.values())
-    for chain, inside in zip(rest, _inside(points, rest, knot.above), strict=True):
-        (down if inside else up).append(chain[::-1] if inside else chain)
-    for chain, inside in zip(alone, _inside(points, alone, knot.below), strict=True):
-        (up if inside else down).append(chain[::-1] if inside else chain)
-    facing_up = _fill(points, up, flat)
-    facing_down = [triangle[::-1] for triangle in _fill(points, down, flat)]
-    return np.array([*walls, *facing_up, *facing_down], dtype=np.int64).reshape(-1, 3)
-
-
-def _chains(ring: NDArray[np.int64], is_own: NDArray[np.bool_]) -> list[list[int]]:
-    """Cut a contour at its own vertices into straight chains."""
-    own = np.flatnonzero(is_own[ring])
-    turned = np.roll(ring, -own[0])
-    cuts = [*(own - own[0]).tolist(), len(ring)]
-    closed = [*turned.tolist(), int(turned[0])]
-    return [closed[cuts[k] : cuts[k + 1] + 1] for k in range(len(own))]
-
-
-def _ends(chain: list[int], flat: dict[int, int]) -> tuple[int, int]:
-    return flat.get(chain[0], chain[0]), flat.get(chain[-1], chain[-1])
-
-
-def _wall(below: list[int], above: list[int]) -> Triangles:
-    """Return the vertical wall between two chains that lie upon each other."""
-    foot = [(below[k], below[k + 1], above[0]) for k in range(len(below) - 1)]
-    head = [(below[-1], above[k + 1], above[k]) for k in range(len(above) - 1)]
-    return foot + head
-
-
-def _inside(
-    points: NDArray[np.float64], chains: list[list[int]], pieces: list[list[NDArray[np.int64]]]
-) -> NDArray[np.bool_]:
-    """Tell which chains run inside the pieces of the other layer."""
-    region = shapely.MultiPolygon(
-        [
-            shapely.Polygon(points[piece[0], :2], [points[hole, :2] for hole in piece[1:]])
-            for piece in pieces
-        ]
+    if len(knots.knots) == 0:
+        return np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64)
+    chains = _Chains.of(knots, len(points))
+    partners, is_wall = _partners(chains)
+    rest = chains[~is_wall]
+    alone = np.flatnonzero(partners[~is_wall] < 0)
+    is_inside = np.zeros(len(rest.knots), dtype=bool)
+    is_inside[alone] = _inside(points, knots, rest[alone])
+    borders = rest.turned(is_inside)
+    faces_up = rest.is_above == is_inside
+    failed = np.unique(
+        np.concatenate(
+            [
+                _linked_twice(knots, len(points)),
+                chains.knots[_claimed_twice(partners)],
+                _unbalanced(borders, faces_up),
+            ]
+        )
     )
-    ends = np.array([(chain[0], chain[-1]) for chain in chains], dtype=np.int64).reshape(-1, 2)
-    middles = points[ends, :2].mean(axis=1)
-    return np.asarray(shapely.contains_xy(region, middles))
+    walls = _walls(chains, partners, is_wall & ~np.isin(chains.knots, failed))
+    kept = ~np.isin(borders.knots, failed)
+    return np.concatenate([walls, *_fill(points, borders[kept], faces_up[kept])]), failed
 
 
-def _fill(points: NDArray[np.float64], chains: list[list[int]], flat: dict[int, int]) -> Triangles:
-    """Triangulate the regions that chains bound on their left, facing up.
+@dataclass(frozen=True, eq=False)
+class _Chains:
+    """Straight parts of contours between the vertices that take part in their knots' contacts.
+
+    Attributes
+    ----------
+    path : array of int, shape (n, 2)
+        The vertices that the edges of all contours lead from and to.
+    begin, end : array of int, shape (chains,)
+        The edges of each chain, as a range in `path`.
+    knots : array of int, shape (chains,)
+        The knot of each chain.
+    is_above : array of bool, shape (chains,)
+        Whether it is of the layer above.
+    ends : array of int, shape (chains, 2)
+        The places where it begins and ends, with one number for vertices that are linked.
+    is_back : array of bool, shape (chains,)
+        Whether it is passed from its end to its beginning.
+    """
+
+    path: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
+    knots: NDArray[np.int64]
+    is_above: NDArray[np.bool_]
+    ends: NDArray[np.int64]
+    is_back: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, knots: Knots, count: int) -> _Chains:
+        """Cut the contours at their own vertices; `count` is the number of all vertices."""
+        following = np.roll(knots.vertices, -1)
+        following[knots.first[1:] - 1] = knots.vertices[knots.first[:-1]]
+        begin = np.flatnonzero(knots.is_own)
+        end = np.append(begin[1:], len(following))
+        pieces = knots.pieces[np.searchsorted(knots.first, begin, side="right") - 1]
+        is_above = knots.is_above[pieces]
+        roots = np.arange(count)
+        roots[knots.links[:, 1]] = knots.links[:, 0]
+        vertices = np.column_stack([knots.vertices[begin], following[end - 1]])
+        places = np.where(is_above[:, None], roots[vertices], vertices)
+        _, ends = np.unique(places + count * knots.knots[pieces, None], return_inverse=True)
+        path = np.column_stack([knots.vertices, following])
+        forward = np.zeros(len(begin), dtype=bool)
+        return cls(path, begin, end, knots.knots[pieces], is_above, ends.reshape(-1, 2), forward)
+
+    def __getitem__(self, chosen: NDArray[Any]) -> _Chains:
+        columns = (self.begin, self.end, self.knots, self.is_above, self.ends, self.is_back)
+        return _Chains(self.path, *(column[chosen] for column in columns))
+
+    def turned(self, is_back: NDArray[np.bool_]) -> _Chains:
+        """Return the chains, some of them passed from their ends to their beginnings."""
+        ends = np.where(is_back[:, None], self.ends[:, ::-1], self.ends)
+        return replace(self, ends=ends, is_back=is_back)
+
+    @property
+    def first_edges(self) -> NDArray[np.int64]:
+        """The edge that each chain begins with, in the direction of its passing, shape (c, 2)."""
+        return self._passed(np.where(self.is_back, self.end - 1, self.begin), self.is_back)
+
+    @property
+    def last_edges(self) -> NDArray[np.int64]:
+        """The edge that each chain ends with, in the direction of its passing, shape (c, 2)."""
+        return self._passed(np.where(self.is_back, self.begin, self.end - 1), self.is_back)
+
+    def edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the edges along all chains, shape (m, 2), and the chain of each."""
+        owners, positions = number_within(self.end - self.begin)
+        is_back = self.is_back[owners]
+        at = np.where(is_back, self.end[owners] - 1 - positions, self.begin[owners] + positions)
+        return self._passed(at, is_back), owners
+
+    def _passed(self, at: NDArray[np.int64], is_back: NDArray[np.bool_]) -> NDArray[np.int64]:
+        return np.asarray(np.where(is_back[:, None], self.path[at, ::-1], self.path[at]))
+
+
+def _partners(chains: _Chains) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Match chains below and above that lie upon each other.
+
+    Returns
+    -------
+    partners : array of int, shape (chains,)
+        The other chain, or -1.
+    is_wall : array of bool, shape (chains,)
+        Whether the two run the same way, so that a wall stands between them.
+    """
+    count = int(chains.ends.max(initial=0)) + 1
+    keys, backward = chains.ends @ (count, 1), chains.ends @ (1, count)
+    above = np.flatnonzero(chains.is_above)
+    below = np.flatnonzero(~chains.is_above)
+    below = below[np.argsort(keys[below], kind="stable")]
+    partners = np.full(len(keys), -1)
+    is_wall = np.zeros(len(keys), dtype=bool)
+    for wanted, runs_along in ((backward[above], False), (keys[above], True)):
+        at = np.searchsorted(keys[below], wanted) % len(below)
+        found = keys[below[at]] == wanted
+        high, low = above[found], below[at[found]]
+        partners[high], partners[low] = low, high
+        is_wall[high] = is_wall[low] = runs_along
+    return partners, is_wall
+
+
+def _claimed_twice(partners: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Tell which chains are the partner of more than one."""
+    return np.asarray(np.bincount(partners[partners >= 0], minlength=len(partners)) > 1)
+
+
+def _linked_twice(knots: Knots, count: int) -> NDArray[np.int64]:
+    """Return the knots in which a vertex touches two others."""
+    pieces = np.repeat(knots.pieces, np.diff(knots.first))
+    knot_of = np.zeros(count, dtype=np.int64)
+    is_below = ~knots.is_above[pieces]
+    knot_of[knots.vertices[is_below]] = knots.knots[pieces[is_below]]
+    low, high = (np.bincount(side, minlength=count)[side] > 1 for side in knots.links.T)
+    return np.asarray(knot_of[knots.links[low | high, 0]])
+
+
+def _unbalanced(borders: _Chains, faces_up: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the knots in which the border of a region does not close."""
+    leaving, arriving = (2 * borders.ends + faces_up[:, None]).T
+    count = int(borders.ends.max(initial=0)) * 2 + 2
+    open_places = np.bincount(leaving, minlength=count) != np.bincount(arriving, minlength=count)
+    return np.asarray(borders.knots[open_places[leaving] | open_places[arriving]])
+
+
+def _walls(
+    chains: _Chains, partners: NDArray[np.int64], is_wall: NDArray[np.bool_]
+) -> NDArray[np.int64]:
+    """Return the vertical walls between chains that lie upon each other."""
+    foot, head = (np.flatnonzero(is_wall & side) for side in (~chains.is_above, chains.is_above))
+    below, low = chains[foot].edges()
+    above, high = chains[head].edges()
+    apexes = chains.first_edges[partners[foot], 0][low]
+    bases = chains.last_edges[partners[head], 1][high]
+    return np.concatenate(
+        [np.column_stack([below, apexes]), np.column_stack([bases, above[:, ::-1]])]
+    )
+
+
+def _inside(points: NDArray[np.float64], knots: Knots, chains: _Chains) -> NDArray[np.bool_]:
+    """Tell which chains run inside the pieces of the other layer."""
+    contours, _ = number_within(np.diff(knots.first))
+    rings = shapely.linearrings(points[knots.vertices, :2], indices=contours)
+    polygons = shapely.polygons(rings, indices=knots.pieces)
+    shapely.prepare(polygons)
+    sides = 2 * knots.knots + knots.is_above
+    others = 2 * chains.knots + ~chains.is_above
+    first, last = np.searchsorted(sides, [others, others + 1])
+    owners, positions = number_within(last - first)
+    ends = np.column_stack([chains.first_edges[:, 0], chains.last_edges[:, 1]])
+    middles = points[ends, :2].mean(axis=1)[owners]
+    contained = shapely.contains_xy(polygons[first[owners] + positions], *middles.T)
+    return np.bincount(owners, weights=contained, minlength=len(first)) > 0
+
+
+def _fill(
+    points: NDArray[np.float64], borders: _Chains, faces_up: NDArray[np.bool_]
+) -> Iterator[NDArray[np.int64]]:
+    """Triangulate the regions that chains bound on their left, facing up or down.
 
     The corner between two chains belongs to the layer of the one that leaves it; where the one
     that arrives is of the other layer, a vertical triangle leads over.
     """
-    if not chains:
-        return []
-    triangles: Triangles = []
-    loops = []
-    for cycle in _cycles(points, chains, flat):
-        loop = [vertex for chain in cycle for vertex in chain[:-1]]
-        for arriving, leaving in zip(cycle, [*cycle[1:], cycle[0]], strict=True):
-            if arriving[-1] != leaving[0]:
-                triangles.append((arriving[-2], arriving[-1], leaving[0]))
-        loops.append(np.array(loop))
-    triangles.extend(map(tuple, cap(points, loops).tolist()))
-    return triangles
+    if len(faces_up) == 0:
+        return
+    following = _following(points, borders, 2 * borders.ends + faces_up[:, None])
+    leads = np.column_stack([borders.last_edges, borders.first_edges[following, 0]])
+    leads, is_up = leads[leads[:, 1] != leads[:, 2]], faces_up[leads[:, 1] != leads[:, 2]]
+    yield np.where(is_up[:, None], leads, leads[:, ::-1])
+    sequence, loops = _cycles(following, np.lexsort([faces_up, borders.knots]))
+    edges, owners = borders[sequence].edges()
+    vertices = edges[:, 0]
+    plane = points[vertices, :2]
+    ends = np.searchsorted(loops[owners], np.arange(loops[-1] + 2))
+    leaders = sequence[np.searchsorted(loops, np.arange(loops[-1] + 1))]
+    regions = 2 * borders.knots[leaders] + faces_up[leaders]
+    bounds = [*np.flatnonzero(np.diff(regions, prepend=-1)).tolist(), len(regions)]
+    for begin, end in pairwise(bounds):
+        outlines = [plane[low:high] for low, high in pairwise(ends[begin : end + 1])]
+        triangles = vertices[ends[begin] + manifold3d.triangulate(outlines)]
+        yield triangles if regions[begin] % 2 else triangles[:, ::-1]
+
+
+def _following(
+    points: NDArray[np.float64], borders: _Chains, ends: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the chain after each one: where several leave, the one furthest to the left."""
+    leaving, arriving = ends.T
+    order = np.argsort(leaving, kind="stable")
+    first = np.searchsorted(leaving[order], arriving)
+    following: NDArray[np.int64] = order[first]
+    meeting = np.bincount(leaving)[arriving]
+    tails, heads = (
+        np.diff(points[edges, :2], axis=1)[:, 0]
+        for edges in (borders.last_edges, borders.first_edges)
+    )
+    choices: dict[int, list[int]] = {}
+    for chain in np.flatnonzero(meeting > 1).tolist():
+        start = int(first[chain])
+        waiting = choices.setdefault(start, order[start : start + meeting[chain]].tolist())
+        following[chain] = waiting.pop(_leftmost(tails[chain], heads[waiting]))
+    return following
+
+
+def _leftmost(heading: NDArray[np.float64], leads: NDArray[np.float64]) -> int:
+    """Return which of several leads turns furthest to the left."""
+    sines = heading[0] * leads[:, 1] - heading[1] * leads[:, 0]
+    return int(np.argmax(np.arctan2(sines, leads @ heading)))
 
 
 def _cycles(
-    points: NDArray[np.float64], chains: list[list[int]], flat: dict[int, int]
-) -> list[list[list[int]]]:
-    """Order chains into closed borders, turning left where several meet."""
-    leaving = defaultdict(list)
-    for chain in chains:
-        leaving[_ends(chain, flat)[0]].append(chain)
-    cycles = []
-    while leaving:
-        start = next(iter(leaving))
-        cycle: list[list[int]] = []
-        corner = start
-        while not cycle or corner != start:
-            choices = leaving.get(corner)
-            if not choices:
-                raise KnotError("a region's border does not close")
-            chain = _leftmost(points, cycle[-1], choices) if cycle else choices[0]
-            choices.remove(chain)
-            if not choices:
-                del leaving[corner]
-            cycle.append(chain)
-            corner = _ends(chain, flat)[1]
-        cycles.append(cycle)
-    return cycles
+    following: NDArray[np.int64], order: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Follow each chain to the next until it closes.
 
-
-def _leftmost(
-    points: NDArray[np.float64], arriving: list[int], choices: list[list[int]]
-) -> list[int]:
-    """Return the chain that turns furthest to the left."""
-    if len(choices) == 1:
-        return choices[0]
-    heading = points[arriving[-1], :2] - points[arriving[-2], :2]
-    leads = np.array([points[chain[1], :2] - points[chain[0], :2] for chain in choices])
-    sines = heading[0] * leads[:, 1] - heading[1] * leads[:, 0]
-    return choices[int(np.argmax(np.arctan2(sines, leads @ heading)))]
+    Returns
+    -------
+    sequence : array of int, shape (chains,)
+        The chains, cycle by cycle, the cycles by their first chains in the given order.
+    cycles : array of int, shape (chains,)
+        The cycle that each of these is of.
+    """
+    after: list[int] = following.tolist()
+    is_left = [True] * len(after)
+    sequence: list[int] = []
+    counts: list[int] = []
+    for start in order.tolist():
+        begin, chain = len(sequence), start
+        while is_left[chain]:
+            is_left[chain] = False
+            sequence.append(chain)
+            chain = after[chain]
+        if len(sequence) > begin:
+            counts.append(len(sequence) - begin)
+    return np.array(sequence), np.repeat(np.arange(len(counts)), counts)

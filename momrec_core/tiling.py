@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from momrec_core.knots import Knot, KnotError, cap, join_knot
+from momrec_core.knots import Knots, cap, join_knots
 from momrec_core.layers import Layer, Slab
 from momrec_core.manifolds import double_shared_edges
 from momrec_core.noding import Edges, find_contacts
@@ -42,15 +42,14 @@ def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]
         Closed, edge-manifold, facing outward.
     """
     contours = _Contours.of_layers([slabs[0].below, *(slab.above for slab in slabs)])
-    bands, knots = _bands(contours, slabs)
-    joins = [knot for knot in knots if knot.below and knot.above]
+    bands, groups = _bands(contours, slabs)
+    joins = [group for group in groups if group.below and group.above]
     links = contours.insert_contacts(joins)
     contours.settle()
-    triangles = [_divided(contours, bands)]
-    for join, linked in zip(joins, links, strict=True):
-        knot = Knot(contours.around(join.below), contours.around(join.above), linked)
-        triangles.append(_joined(contours, knot, join.slab))
-    triangles.extend(_caps(contours, knots))
+    joined, failed = join_knots(contours.points, contours.knots(joins, links))
+    triangles = [_divided(contours, bands), joined]
+    alone = (group for group in groups if not (group.below and group.above))
+    triangles.extend(_caps(contours, [*alone, *(joins[index] for index in failed)]))
     return double_shared_edges(contours.points, np.concatenate(triangles))
 
 
@@ -133,47 +132,51 @@ class _Contours:
             sides.append([range(base + piece.start, base + piece.stop) for piece in own])
         return _Group(index, *sides)
 
-    def insert_contacts(self, joins: Sequence[_Group]) -> list[NDArray[np.int64]]:
+    def insert_contacts(self, groups: Sequence[_Group]) -> NDArray[np.int64]:
         """Put vertices where the pieces below and above touch or cross.
 
         Returns
         -------
-        links : list of array of int, shape (n, 2)
-            For each group, the vertices below and above that lie upon each other.
+        links : array of int, shape (n, 2)
+            The vertices below and above that lie upon each other.
         """
-        if not joins:
-            return []
-        vertices, edges = zip(
-            *(
-                self._edges_of([list(chain(*getattr(join, side))) for join in joins])
-                for side in ("below", "above")
-            ),
-            strict=True,
-        )
-        contacts = find_contacts(*edges)
-        groups = edges[0].groups[contacts.below]
-        slabs = np.array([join.slab for join in joins])[groups]
-        links = np.column_stack(
+        low, below = self._edges_of([group.below for group in groups])
+        high, above = self._edges_of([group.above for group in groups])
+        contacts = find_contacts(below, above)
+        slabs = np.array([group.slab for group in groups], dtype=np.int64)
+        slabs = slabs[below.groups[contacts.below]]
+        return np.column_stack(
             [
-                self._insert(
-                    vertices[0][contacts.below], contacts.below_at, contacts.points, slabs
-                ),
-                self._insert(
-                    vertices[1][contacts.above], contacts.above_at, contacts.points, slabs
-                ),
+                self._insert(low[contacts.below], contacts.below_at, contacts.points, slabs),
+                self._insert(high[contacts.above], contacts.above_at, contacts.points, slabs),
             ]
         )
-        order = np.argsort(groups, kind="stable")
-        return np.split(links[order], np.searchsorted(groups[order], np.arange(1, len(joins))))
 
-    def _edges_of(self, contours: Sequence[list[int]]) -> tuple[NDArray[np.int64], Edges]:
-        """Return the corners that the edges of groups of contours start from, and these edges."""
-        counts = np.array([len(group) for group in contours])
-        corners, places = self.corners.around(np.array([*chain(*contours)], dtype=np.int64))
-        groups = np.repeat(np.arange(len(counts)), counts)[places]
+    def _edges_of(self, groups: Sequence[list[range]]) -> tuple[NDArray[np.int64], Edges]:
+        """Return the corners that the edges of groups of pieces start from, and these edges."""
+        counts = [sum(map(len, pieces)) for pieces in groups]
+        corners, places = self.corners.around(_flat(chain(*groups)))
+        numbers = np.repeat(np.arange(len(counts)), counts)[places]
         starts = self.corners.points[corners, :2]
         ends = self.corners.points[self.corners.following[corners], :2]
-        return corners, Edges(starts, ends, groups)
+        return corners, Edges(starts, ends, numbers)
+
+    def knots(self, groups: Sequence[_Group], links: NDArray[np.int64]) -> Knots:
+        """Return groups of pieces with the vertices inserted into their contours."""
+        pieces = [
+            piece for group in groups for side in (group.below, group.above) for piece in side
+        ]
+        counts = np.array([(len(group.below), len(group.above)) for group in groups], dtype=int)
+        sides, _ = number_within(counts.ravel())
+        contours = _flat(pieces)
+        starts, stops = self.ends[self.corners.first[[contours, contours + 1]]]
+        numbers, positions = number_within(stops - starts)
+        vertices = self.order[starts[numbers] + positions]
+        piece_of = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+        slabs = np.array([group.slab for group in groups])[sides[piece_of[numbers]] // 2]
+        is_own = (self.owners[vertices] == CORNER) | (self.owners[vertices] == slabs)
+        first = np.concatenate([[0], np.cumsum(stops - starts)])
+        return Knots(vertices, is_own, first, piece_of, sides // 2, sides % 2 == 1, links)
 
     def _insert(
         self,
@@ -256,23 +259,14 @@ def _divided(contours: _Contours, triangles: NDArray[np.int64]) -> NDArray[np.in
     )
 
 
-def _joined(contours: _Contours, knot: Knot, slab: int) -> NDArray[np.int64]:
-    """Join a knot, or cap both its sides where its contacts are beyond repair."""
-    is_own = (contours.owners == CORNER) | (contours.owners == slab)
-    try:
-        return join_knot(contours.points, knot, is_own)
-    except KnotError:
-        caps = [cap(contours.points, piece) for piece in knot.below]
-        caps += [cap(contours.points, piece)[:, ::-1] for piece in knot.above]
-        return np.concatenate(caps)
-
-
-def _caps(contours: _Contours, groups: Sequence[_Group]) -> list[NDArray[np.int64]]:
-    """Close the pieces that have nothing above or below them."""
-    caps = []
+def _caps(contours: _Contours, groups: Iterable[_Group]) -> Iterator[NDArray[np.int64]]:
+    """Close each piece by itself."""
     for group in groups:
-        if not group.above:
-            caps.append(cap(contours.points, *contours.around(group.below)))
-        elif not group.below:
-            caps.append(cap(contours.points, *contours.around(group.above))[:, ::-1])
-    return caps
+        for piece in contours.around(group.below):
+            yield cap(contours.points, piece)
+        for piece in contours.around(group.above):
+            yield cap(contours.points, piece)[:, ::-1]
+
+
+def _flat(ranges: Iterable[range]) -> NDArray[np.int64]:
+    return np.fromiter(chain.from_iterable(ranges), dtype=np.int64)
