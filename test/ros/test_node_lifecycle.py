@@ -1,0 +1,39 @@
+"""The life cycle of the node `recognizer`, in a real graph."""
+
+from functools import partial
+
+from diagnostic_msgs.msg import DiagnosticArray
+from graph import box_views, view_message
+
+VIEWS = box_views(10)
+
+
+def has_views(results, count):
+    return results and dict(pairs(results[-1]))["views"] == str(count)
+
+
+def pairs(recognition):
+    return ((pair.key, pair.value) for pair in recognition.status[0].values)
+
+
+def test_the_node_goes_twice_through_all_states_and_gathers_views_in_between(graph):
+    graph.start(autostart=False, slices=8)
+    results = graph.listen("/recognizer/recognition", DiagnosticArray)
+    publisher = graph.start_publisher()
+    assert graph.state() == "unconfigured"
+    for _ in range(2):
+        results.clear()
+        assert graph.change("configure")
+        assert graph.state() == "inactive"
+        for first, last in ((0, 3), (3, 6)):  # deactivated in between, the object stays as it was
+            assert graph.change("activate")
+            assert graph.state() == "active"
+            for view in VIEWS[first:last]:
+                publisher.publish(view_message(view))
+            graph.until(partial(has_views, results, last), f"a result of {last} views")
+            assert graph.change("deactivate")
+            assert graph.state() == "inactive"
+        assert graph.change("cleanup")
+        assert graph.state() == "unconfigured"
+    assert graph.change("shutdown")
+    assert graph.state() == "finalized"
