@@ -172,7 +172,8 @@ def _centred(mesh: trimesh.Trimesh) -> _Centred:
     if not 1.0 / LARGEST_EXTENT <= extent <= LARGEST_EXTENT:
         raise DegenerateShapeError(f"Expected a mesh with an area, got an extent of {extent:.6g}")
     middle = (low + high) / 2.0
-    corners = (corners - middle[:, None, None]) / extent
+    corners -= middle[:, None, None]
+    corners /= extent
     areas = areas_of(corners)
     area = float(areas.sum())
     if area <= NO_AREA:
@@ -180,11 +181,12 @@ def _centred(mesh: trimesh.Trimesh) -> _Centred:
             f"Expected a mesh with an area, got {area:.3g} of its squared extent"
         )
     shift = corners.sum(axis=1) @ areas / (3.0 * area)
+    corners -= shift[:, None, None]
     vertices = (np.asarray(mesh.vertices, dtype=np.float64) - middle) / extent - shift
     return _Centred(
         vertices=vertices,
         area=area,
-        inertia=_inertia(corners - shift[:, None, None], areas),
+        inertia=_inertia(corners, areas),
         centroid=middle + shift * extent,
         extent=extent,
     )
@@ -196,8 +198,9 @@ def _inertia(corners: NDArray[np.float64], areas: NDArray[np.float64]) -> NDArra
     The integral of x x^T over a triangle with the corners a, b, c and the sum s of them is its
     area by (a a^T + b b^T + c c^T + s s^T) / 12.
     """
-    points = np.concatenate([corners, corners.sum(axis=1, keepdims=True)], axis=1)
-    second = (points * areas).reshape(3, -1) @ points.reshape(3, -1).T / 12.0
+    total = corners.sum(axis=1)
+    second = (corners * areas).reshape(3, -1) @ corners.reshape(3, -1).T
+    second = (second + (total * areas) @ total.T) / 12.0
     return np.asarray(np.trace(second) * np.eye(3) - second)
 
 
@@ -232,7 +235,7 @@ def _directions(
     low, high = corners.min(axis=1), corners.max(axis=1)
     around = (low <= HIT_TOLERANCE) & (high >= -HIT_TOLERANCE)
     for axis in range(3):
-        near = around[axis - 2] & around[axis - 1]  # all others are far from the axis
+        near = np.flatnonzero(around[axis - 2] & around[axis - 1])  # no other reaches the axis
         heights = _axis_hits(np.roll(corners[:, :, near], -axis, axis=0))
         upper, lower = np.max(heights, initial=0.0), np.max(-heights, initial=0.0)
         farther = max(upper, lower)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,8 +24,8 @@ __all__ = [
     "surface_moments",
 ]
 
-POINTS_AT_ONCE = 8192  # so that the powers of one chunk stay in a processor's cache
-PRODUCTS_AT_ONCE = 2048  # BLAS takes narrow products this short in one go, threefold faster
+PRODUCTS_AT_ONCE = 2**18  # of numbers, by one matrix product: with more, BLAS starts threads
+LOW_EXPONENTS = np.array(list(product((0, 1), repeat=3)))
 MAX_ORDER = 64  # beyond it, powers of coordinates say nothing that float64 could hold
 
 
@@ -102,25 +103,67 @@ def surface_moments(mesh: trimesh.Trimesh, order: int = 5) -> NDArray[np.float64
 
 
 def moments_of_corners(corners: NDArray[np.float64], order: int) -> NDArray[np.float64]:
-    """Do the work of `surface_moments` for the corners (3, 3, n) of triangles."""
+    """Do the work of `surface_moments` for the corners (3, 3, n) of triangles.
+
+    A power is 0 or 1 plus an even number, so that the monomials are products of few factors:
+    w x^a y^b z^c with a, b, c = 0 or 1 by the monomials of x^2, y^2, z^2. The sums over all
+    points are one matrix product.
+    """
     barycentric, weights = _conical_product_rule(order)
-    faces_at_once = max(1, POINTS_AT_ONCE // len(weights))
-    rows = [(i, j) for j in range(order + 1) for i in range(order + 1 - j)]
-    sums = np.zeros((len(rows), order + 1))
+    even = np.array(_even_exponents(order // 2))
+    exponents = LOW_EXPONENTS[:, None] + even
+    sums = np.zeros(exponents.shape[:2])
+    faces_at_once = max(1, PRODUCTS_AT_ONCE // (sums.size * len(weights)))
+    rows = np.empty((sum(sums.shape), faces_at_once * len(weights)))
     with np.errstate(over="ignore", invalid="ignore"):
-        for start in range(0, corners.shape[2], faces_at_once):
-            chunk = corners[:, :, start : start + faces_at_once]
-            points = (barycentric @ chunk).reshape(3, -1)
-            sums += _power_sums(points, np.outer(weights, areas_of(chunk)).ravel(), order)
+        areas = areas_of(corners)
+        for start in range(0, len(areas), faces_at_once):
+            faces = slice(start, start + faces_at_once)
+            points = (barycentric @ corners[:, :, faces]).reshape(3, -1)
+            low, high = rows[: len(sums), : points.shape[1]], rows[len(sums) :, : points.shape[1]]
+            low[0] = np.outer(weights, areas[faces]).ravel()
+            _raise_low_powers(points, low)
+            _raise_even_powers(points, high)
+            sums += low @ high.T
+    within = exponents.sum(axis=2) <= order
     moments = np.zeros((order + 1,) * 3)
-    moments[tuple(np.transpose(rows))] = sums
-    moments[np.indices(moments.shape).sum(axis=0) > order] = 0.0
+    moments[tuple(exponents[within].T)] = sums[within]
     if not np.isfinite(moments).all() or moments[0, 0, 0] <= 0:
         raise DegenerateShapeError(
             f"Expected a surface with an area and finite moments up to order {order}, got area "
             f"{moments[0, 0, 0]:.6g}"
         )
     return moments
+
+
+def _raise_low_powers(points: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
+    """Write w x^a y^b z^c for points (3, n) and `LOW_EXPONENTS` into rows (8, n), the first w."""
+    for count, coordinate in zip((1, 2, 4), points[::-1], strict=True):
+        np.multiply(rows[:count], coordinate, out=rows[count : 2 * count])
+
+
+def _even_exponents(half: int) -> list[tuple[int, int, int]]:
+    """Return all even i, j, k with i + j + k <= 2 half: by their sum, in it the last ones first."""
+    return [
+        (2 * i, 2 * j, 2 * (degree - i - j))
+        for degree in range(half + 1)
+        for i in range(degree, -1, -1)
+        for j in range(degree - i, -1, -1)
+    ]
+
+
+def _raise_even_powers(points: NDArray[np.float64], rows: NDArray[np.float64]) -> None:
+    """Write x^i y^j z^k for points (3, n) and `_even_exponents` into rows (m, n)."""
+    rows[0] = 1.0
+    if len(rows) == 1:
+        return
+    squares = np.square(points, out=rows[1:4])
+    start, end, degree = 1, 4, 1  # of the rows of the last degree
+    while end < len(rows):
+        last, start, degree = rows[start:end], end, degree + 1
+        for square, count in zip(squares, (len(last), degree, 1), strict=True):
+            np.multiply(last[-count:], square, out=rows[end : end + count])
+            end += count
 
 
 def areas_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -174,31 +217,3 @@ def _conical_product_rule(degree: int) -> tuple[NDArray[np.float64], NDArray[np.
     weights /= weights.sum()
     barycentric.flags.writeable = weights.flags.writeable = False
     return barycentric, weights
-
-
-def _power_sums(
-    points: NDArray[np.float64], weights: NDArray[np.float64], order: int
-) -> NDArray[np.float64]:
-    """Sum w x^i y^j z^k over points (3, n) as one matrix product, (w x^i y^j) by (z^k).
-
-    Rows run over j = 0 ... order and, within, i = 0 ... order - j; columns over k.
-    """
-    x, y, z = points
-    sizes = np.arange(order + 1, 0, -1)  # j = 0 has i = 0 ... order, j = order has i = 0
-    starts = np.concatenate([[0], np.cumsum(sizes)])
-    left = np.empty((starts[-1], len(weights)))
-    right = np.empty((order + 1, len(weights)))
-    left[0] = weights
-    right[0] = 1.0
-    for power in range(1, order + 1):
-        np.multiply(left[power - 1], x, out=left[power])
-        np.multiply(right[power - 1], z, out=right[power])
-    for j in range(1, order + 1):
-        start, size = starts[j], sizes[j]
-        below = left[starts[j - 1] : starts[j - 1] + size]
-        np.multiply(below, y, out=left[start : start + size])
-    sums = np.zeros((len(left), len(right)))
-    for start in range(0, len(weights), PRODUCTS_AT_ONCE):
-        columns = slice(start, start + PRODUCTS_AT_ONCE)
-        sums += left[:, columns] @ right[:, columns].T
-    return sums
