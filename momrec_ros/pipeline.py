@@ -197,6 +197,7 @@ class Pipeline:
         self._starts = 0
         self._live: dict[str, _Live] = {}
         self._unsent: list[Sequence[Output]] = []
+        self._owed: set[str] = set()
         self._header: Header | None = None  # of the newest result
         self._joint_at = 0.0
         self._is_joint_stale = False
@@ -442,6 +443,9 @@ class Pipeline:
             self._log.info(f"object {object_id!r} is ended: no view for object_timeout")
 
     def _serve(self, name: str) -> None:
+        if not self._is_active:
+            self._owed.add(name)
+            return
         if name in JOINT_OUTPUTS:
             self._is_joint_stale = True
             return
@@ -462,6 +466,9 @@ class Pipeline:
         unsent, self._unsent = self._unsent, []
         for outputs in unsent:
             self._send(outputs)
+        owed, self._owed = self._owed, set()
+        for name in owed:
+            self._serve(name)
         self._session.touch(self._clock())
 
     def _start_anew(self) -> None:
