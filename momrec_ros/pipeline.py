@@ -225,9 +225,10 @@ class Pipeline:
 
     def activate(self) -> None:
         """Use and publish from now on, first what could not be published before."""
-        with self._gate:
+        with self._news, self._gate:
             self._is_active = True
-        self._request(self._go_on)
+            self._requests.append(self._go_on)
+            self._news.notify()
 
     def deactivate(self) -> None:
         """Publish nothing from now on; messages that have arrived wait for `activate`."""
