@@ -323,7 +323,8 @@ def result_markers(result: ObjectResult, header: Header) -> list[Marker]:
     markers : list of Marker
         In namespaces of their own below the object's id.
     """
-    size = float(np.linalg.norm(np.ptp(result.mesh.vertices, axis=0)))
+    columns = np.ascontiguousarray(result.mesh.vertices.T)  # so many rows are slow to compare
+    size = float(np.linalg.norm(np.ptp(columns, axis=1)))
     return [
         _axes_marker(result, header, size),
         _label_marker(result, header, size),
