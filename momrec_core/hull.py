@@ -310,9 +310,11 @@ class VisualHull:
         doubtful = DOUBTFUL_VOLUME * family.spacing * sum(layer.area for layer in layers)
         open_slabs = slabs.between(pairwise(layers))
         for _ in range(EVENT_DEPTH):
-            doubts = [slab.doubt(largest) for slab in open_slabs]
-            worst = np.argsort(doubts)[::-1][: MAX_LAYERS * self._count - len(layers)]
-            open_slabs = [open_slabs[index] for index in worst if doubts[index] > doubtful]
+            open_slabs = [slab for slab in open_slabs if slab.leaves_open(doubtful, largest)]
+            room = MAX_LAYERS * self._count - len(layers)
+            if len(open_slabs) > room:
+                open_slabs.sort(key=lambda slab: -slab.doubt(largest))
+            open_slabs = open_slabs[:room]
             if not open_slabs:
                 break
             middles = np.array([slab.below.offset + slab.height / 2 for slab in open_slabs])

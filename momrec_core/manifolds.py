@@ -39,7 +39,11 @@ def double_shared_edges(
     order, first, counts = _group_edges(len(points), triangles)
     if counts.max(initial=0) <= 2:
         return points, triangles
-    points, triangles = _compact(points, _without_flaps(triangles))
+    is_shared = np.zeros(triangles.size, dtype=bool)
+    is_shared[order] = np.repeat(counts > 2, counts)
+    suspects = is_shared.reshape(-1, 3).any(axis=1)
+    triangles = np.concatenate([triangles[~suspects], _without_flaps(triangles[suspects])])
+    points, triangles = _compact(points, triangles)
     order, first, counts = _group_edges(len(points), triangles)
     shared = np.flatnonzero(counts > 2)
     if len(shared) == 0:
@@ -84,8 +88,8 @@ def _group_edges(
     heads, tails = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
     edges = np.minimum(heads, tails) * count + np.maximum(heads, tails)
     order = np.argsort(edges, kind="stable")
-    _, first, counts = np.unique(edges[order], return_index=True, return_counts=True)
-    return order, first, counts
+    first = np.flatnonzero(np.diff(edges[order], prepend=-1))
+    return order, first, np.diff(first, append=len(edges))
 
 
 def _without_flaps(triangles: NDArray[np.int64]) -> NDArray[np.int64]:

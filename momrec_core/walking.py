@@ -286,14 +286,16 @@ def _best_bands(
     rings: Rings, pairs: NDArray[np.int64], expected: _Expectations
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Return the best of the least bands between contours, their bands, and their misfits."""
-    candidates = []
-    for shifts in (np.zeros_like(expected.shift), expected.shift):
-        triangles, bands = _least_walks(rings, pairs, shifts).triangles(rings)
-        misfits = _misfits(rings.points[triangles], bands, expected)
-        candidates.append((triangles, bands, misfits))
-    (first, bands, misfits), (second, _, others) = candidates
-    best = np.where((misfits <= others)[bands, None], first, second)
-    return best, bands, np.minimum(misfits, others)
+    shifts = np.concatenate([np.zeros_like(expected.shift), expected.shift])
+    triangles, bands = _least_walks(rings, np.tile(pairs, (2, 1)), shifts).triangles(rings)
+    misfits = _misfits(
+        rings.points[triangles], bands, expected[np.arange(2 * len(pairs)) % len(pairs)]
+    )
+    first, second = triangles.reshape(2, -1, 3)
+    owners = bands[: len(first)]
+    misfits, others = misfits.reshape(2, -1)
+    best = np.where((misfits <= others)[owners, None], first, second)
+    return best, owners, np.minimum(misfits, others)
 
 
 def _least_walks(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
