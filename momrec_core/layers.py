@@ -239,6 +239,8 @@ class Slab:
     @cached_property
     def _knot_areas(self) -> tuple[float, float]:
         """Areas of the knots' pieces below and above."""
+        if not self.knots:
+            return 0.0, 0.0
         low, high = self._knot_pieces()
         return float(self.below.areas[low].sum()), float(self.above.areas[high].sum())
 
@@ -333,10 +335,14 @@ def _meeting(
     polygons: NDArray[np.object_], lower: NDArray[np.int64], upper: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs, of those given, whose polygons have an area in common."""
-    meet = shapely.intersects(polygons[lower], polygons[upper])
-    lower, upper = lower[meet], upper[meet]
-    apart = shapely.touches(polygons[lower], polygons[upper])
-    return lower[~apart], upper[~apart]
+    below, above = polygons[lower], polygons[upper]
+    middles = shapely.get_coordinates(shapely.centroid(below)).T
+    meet = shapely.contains_xy(below, *middles) & shapely.contains_xy(above, *middles)
+    others = np.flatnonzero(~meet)  # whose centroid does not tell
+    meet[others] = shapely.intersects(below[others], above[others])
+    others = others[meet[others]]
+    meet[others] = ~shapely.touches(below[others], above[others])
+    return lower[meet], upper[meet]
 
 
 def _are_similar(areas: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
