@@ -161,6 +161,10 @@ class Publisher(Program):
         assert answer == b"done\n", (answer, self.lines)
 
 
+def nanoseconds(stamp):
+    return stamp.sec * NANOSECONDS + stamp.nanosec
+
+
 class Inbox:
     """Messages that came, and when each was sent (nanoseconds)."""
 
@@ -235,7 +239,8 @@ class Graph:
             has_died = any(program.has_died for program in self.programs)
             if has_died or time.monotonic() > end:
                 written = "\n".join(line for program in self.programs for line in program.lines)
-                pytest.fail(f"expected {what} in time, got none of it\n{written}")
+                expected = what() if callable(what) else what
+                pytest.fail(f"expected {expected} in time, got none of it\n{written}")
             self._executor.spin_once(timeout_sec=LOOK)
         return value
 
@@ -250,7 +255,10 @@ class Graph:
     def await_health(self, received, **expected):
         """Take in messages until the newest diagnostics have the expected counts."""
         words = {key: str(count) for key, count in expected.items()}
-        self.until(lambda: received and words.items() <= received[-1].items(), f"counts of {words}")
+        self.until(
+            lambda: received and words.items() <= received[-1].items(),
+            lambda: f"{words} in {received[-1:]}",
+        )
 
     def listen_health(self):
         """Return the list that the node's own diagnostics come to, values by their keys."""
@@ -259,7 +267,8 @@ class Graph:
         def take(message):
             (status,) = message.status
             values = {pair.key: pair.value for pair in status.values}
-            received.append(values | {"level": status.level[0], "message": status.message})
+            stamp = nanoseconds(message.header.stamp)
+            received.append(values | {"message": status.message, "stamp": str(stamp)})
 
         self.node.create_subscription(DiagnosticArray, "/diagnostics", take, 100)
         return received

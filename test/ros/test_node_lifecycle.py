@@ -32,6 +32,7 @@ def test_the_node_goes_twice_through_all_states_and_gathers_views_in_between(gra
                 publisher.publish(view_message(view))
             graph.until(partial(has_views, results, last), f"a result of {last} views")
             assert graph.change("deactivate")
+            publisher.publish(view_message(VIEWS[9]), listeners=0)
             assert graph.state() == "inactive"
         assert graph.change("cleanup")
         assert graph.state() == "unconfigured"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from graph import NANOSECONDS, Program, box_views, view_message
+from graph import NANOSECONDS, Program, box_views, nanoseconds, view_message
 from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 from shape_msgs.msg import Mesh
@@ -125,10 +125,6 @@ def gathered(lasting_graph):
         lambda: last_stamps(recognitions.messages) == stamps, "results of all objects"
     )
     return SimpleNamespace(graph=lasting_graph, publisher=publisher, stamps=stamps)
-
-
-def nanoseconds(stamp):
-    return stamp.sec * NANOSECONDS + stamp.nanosec
 
 
 def last_stamps(recognitions):
