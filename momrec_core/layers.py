@@ -164,6 +164,8 @@ def _shells_first(loops: list[NDArray[np.float64]], pieces: NDArray[np.int64]) -
     """Join the contours of pieces, each one's shell before its holes."""
     first = np.concatenate([[0], np.cumsum([len(loop) for loop in loops])])
     rings = Rings(np.concatenate(loops), first)
+    if pieces[-1] + 1 == len(loops):
+        return rings
     order = np.lexsort([-rings.areas, pieces])
     vertices, _ = rings.around(order)
     first = np.concatenate([[0], np.cumsum(rings.counts[order])])
@@ -242,7 +244,9 @@ class Slab:
         if not self.knots:
             return 0.0, 0.0
         low, high = self._knot_pieces()
-        return float(self.below.areas[low].sum()), float(self.above.areas[high].sum())
+        below = sum(float(self.below.areas[piece]) for piece in low)
+        above = sum(float(self.above.areas[piece]) for piece in high)
+        return below, above
 
     @cached_property
     def _common_area(self) -> float:
@@ -285,19 +289,20 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     is_pair = (np.bincount(labels) == 2)[labels[lower]]
     is_pair &= _are_similar(areas[lower], areas[upper])
     is_left = np.ones(count, dtype=bool)
-    for low, high in np.column_stack([lower, upper])[is_pair].tolist():
-        slab, pieces = slabs[side_of[low] // 2], (int(place[low]), int(place[high]))
+    sides_of, places = side_of.tolist(), place.tolist()
+    for low, high in zip(lower[is_pair].tolist(), upper[is_pair].tolist(), strict=True):
+        slab, pieces = slabs[sides_of[low] // 2], (places[low], places[high])
         contours = _contour_pairs(slab, *pieces)
         if contours:
             slab.pairs[pieces] = contours
-            is_left[[low, high]] = False
+            is_left[low] = is_left[high] = False
     groups: dict[int, tuple[list[int], list[int]]] = {}
     for piece in np.flatnonzero(is_left).tolist():
-        slab, side = divmod(int(side_of[piece]), 2)
+        index, side = divmod(sides_of[piece], 2)
         if labels[piece] not in groups:
             groups[labels[piece]] = ([], [])
-            slabs[slab].knots.append(groups[labels[piece]])
-        groups[labels[piece]][side].append(int(place[piece]))
+            slabs[index].knots.append(groups[labels[piece]])
+        groups[labels[piece]][side].append(places[piece])
     for slab in slabs:
         _bridge(slab)
     return slabs
