@@ -128,6 +128,7 @@ class Program:
         return code
 
     def kill(self):
+        self._is_to_end = True
         self.process.kill()
         self.process.wait()
         self._reader.join()
@@ -252,6 +253,10 @@ class Graph:
         self.node.create_subscription(kind, topic, inbox.take, qos, raw=raw)
         return inbox
 
+    def await_line(self, program, pattern):
+        """Take in messages until a process has written such lines; return them."""
+        return self.until(lambda: program.logged(pattern), f"a line like {pattern}")
+
     def await_health(self, received, **expected):
         """Take in messages until the newest diagnostics have the expected counts."""
         words = {key: str(count) for key, count in expected.items()}
@@ -259,6 +264,10 @@ class Graph:
             lambda: received and words.items() <= received[-1].items(),
             lambda: f"{words} in {received[-1:]}",
         )
+
+    def await_remark(self, received, remark):
+        """Take in messages until the newest diagnostics say something."""
+        self.until(lambda: received and remark in received[-1]["message"], remark)
 
     def listen_health(self):
         """Return the list that the node's own diagnostics come to, values by their keys."""
@@ -310,7 +319,7 @@ class Graph:
         return self.call("reset", Trigger, Trigger.Request())
 
     def set(self, **values):
-        """Set parameters, each by itself; return the reasons of refusals, '' for none."""
+        """Set parameters, each by itself; return the reasons of refusals, empty for none."""
         request = SetParameters.Request(
             parameters=[
                 Parameter(name, value=value).to_parameter_msg() for name, value in values.items()

@@ -123,7 +123,7 @@ def test_one_object_too_many_ends_the_one_without_a_view_for_longest(fresh):
     await_last_result_and_deletion(fresh, fresh.id)
     fresh.graph.await_health(fresh.health, objects=MOST, objects_evicted=evicted + 1)
     line = f"object '{re.escape(fresh.id)}' is evicted: expected at most max_objects"
-    fresh.graph.until(lambda: fresh.node.logged(line), "a log line")
+    fresh.graph.await_line(fresh.node, line)
 
 
 def test_an_object_without_views_ends_after_object_timeout(fresh):
@@ -134,7 +134,7 @@ def test_an_object_without_views_ends_after_object_timeout(fresh):
     await_last_result_and_deletion(fresh, fresh.id)
     fresh.graph.await_health(fresh.health, objects=0, objects_timed_out=ended + 1)
     line = f"object '{re.escape(fresh.id)}' is ended: no view for object_timeout"
-    fresh.graph.until(lambda: fresh.node.logged(line), "a log line")
+    fresh.graph.await_line(fresh.node, line)
 
 
 def test_object_timeout_follows_simulated_time(graph):

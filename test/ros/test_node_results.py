@@ -206,7 +206,7 @@ def test_a_stalled_listener_costs_no_view(graph):
     first, second, *others = box_views(300)
     publisher.publish(view_message(first))
     publisher.publish(view_message(second))
-    graph.until(lambda: listener.logged("got a result"), "a result at the other listener")
+    graph.await_line(listener, "got a result")
     listener.process.send_signal(signal.SIGSTOP)
     for view in others[:98]:
         publisher.publish(view_message(view))

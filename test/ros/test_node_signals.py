@@ -87,5 +87,5 @@ def test_a_signal_ends_the_node_while_it_starts(graph, library, number):
 @each_signal
 def test_a_signal_ends_the_node_while_it_configures_itself(graph, number):
     node = graph.start()
-    graph.until(partial(node.logged, "no model"), "a first line")
+    graph.await_line(node, "no model")
     assert_ends(node, number)
