@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
 import trimesh
 
 from momrec_core.errors import DegenerateShapeError
+from momrec_core.frames import admissible_frames
 from momrec_core.moments import areas_of, corners_of, gathered_corners, moments_of_corners
 
 if TYPE_CHECKING:
@@ -56,7 +56,8 @@ class CanonicalShape:
         Whether all gaps and margins are above the tolerances.
     alternatives : tuple of arrays, shape (4, 4)
         World poses of the further right-handed principal frames that are as good within the
-        tolerances, at most 23.
+        tolerances. Where eigenvalues are equal, the axes turned to the peaks of moments of
+        higher order are among them.
     """
 
     mesh: trimesh.Trimesh
@@ -121,8 +122,11 @@ def normalize(
     moments = moments_of_corners(corners, MAX_ORDER)
     signs, margins = _directions(aligned, corners, moments)
     gaps = np.diff(eigenvalues) / eigenvalues[2]
-    principal, *alternatives = _admissible_frames(
-        axes * signs, exchangeable=gaps < gap_tolerance, signed=margins >= sign_tolerance
+    principal, *alternatives = (
+        axes @ frame
+        for frame in admissible_frames(
+            signs, margins >= sign_tolerance, gaps < gap_tolerance, moments
+        )
     )
     metric_area = centred.area * centred.extent**2
     scale = float(np.sqrt(area / metric_area))
@@ -278,32 +282,6 @@ def _axis_hits(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     on_edges = (heights + fraction * (next_heights - heights))[nearest <= HIT_TOLERANCE]
     at_corners = heights[np.hypot(*starts) <= HIT_TOLERANCE]
     return np.concatenate([in_faces, on_edges, at_corners])
-
-
-def _admissible_frames(
-    axes: NDArray[np.float64], exchangeable: NDArray[np.bool_], signed: NDArray[np.bool_]
-) -> list[NDArray[np.float64]]:
-    """Return the right-handed frames, columns v2, v3, v1, the one by A.1 to A.3 first.
-
-    Parameters
-    ----------
-    axes : array, shape (3, 3)
-        Principal axes as columns, by increasing eigenvalue, with their likely signs.
-    exchangeable : array of bool, shape (2,)
-        Whether the first two, the last two axes cannot be told apart.
-    signed : array of bool, shape (3,)
-        Whether the sign of an axis is sure.
-    """
-    rank = np.concatenate([[0], np.cumsum(~exchangeable)])  # equal for axes that are alike
-    frames = []
-    for order in permutations(range(3)):
-        if (rank[list(order)] != rank).any():
-            continue
-        choices = [(1.0,) if signed[axis] else (1.0, -1.0) for axis in order[:2]]
-        for first, second in product(*choices):
-            v1, v2 = first * axes[:, order[0]], second * axes[:, order[1]]
-            frames.append(np.column_stack([v2, np.cross(v1, v2), v1]))
-    return frames
 
 
 def _pose(rotation: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:

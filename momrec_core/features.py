@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from momrec_core.canonical import CANONICAL_AREA, CanonicalShape
+from momrec_core.frames import admissible_frames, different, turned_moments
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = ["feature_vectors", "moment_indices"]
 
+# What eigenvalues and axis ends of an object differ by, from one reconstruction by ten views to the
+# next: with less, symmetric objects get a sign by chance; with more, classes look alike.
+GAP_TOLERANCE = SIGN_TOLERANCE = 0.05
 CONSTANT = {(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 0)}
 
 
@@ -30,9 +34,12 @@ def moment_indices(order: int = 5) -> list[tuple[int, int, int]]:
 
 
 def feature_vectors(
-    shape: CanonicalShape, indices: list[tuple[int, int, int]]
+    shape: CanonicalShape,
+    indices: list[tuple[int, int, int]],
+    gap_tolerance: float = GAP_TOLERANCE,
+    sign_tolerance: float = SIGN_TOLERANCE,
 ) -> NDArray[np.float64]:
-    """Return a shape's moments in each of its admissible principal frames.
+    """Return a shape's moments in each frame that may be its principal one.
 
     Parameters
     ----------
@@ -40,23 +47,34 @@ def feature_vectors(
         Of any canonical area.
     indices : list of (int, int, int)
         The moments eta_ijk to take, of order 5 at most.
+    gap_tolerance, sign_tolerance : float
+        As for `normalize`, but for how far eigenvalues and axis ends of one object differ from
+        one reconstruction to the next.
 
     Returns
     -------
-    vectors : array, shape (1 + len(shape.alternatives), len(indices))
-        For area 100; the principal frame's first. Another frame's axes are the principal ones in
-        another order or direction, so its moments are the same up to order and sign.
+    vectors : array, shape (frames, len(indices))
+        For area 100; the principal frame's first, then those of the alternatives and of further
+        frames within these tolerances.
     """
     powers = np.array(indices)
     alpha = np.sqrt(CANONICAL_AREA / shape.moments[0, 0, 0])
     scales = alpha ** (powers.sum(axis=1) + 2)
-    frames = [shape.principal_frame, *shape.alternatives]
-    vectors = []
-    for frame in frames:
-        turn = np.rint(frame[:3, :3].T @ shape.principal_frame[:3, :3]).astype(np.int64)
-        axes = np.abs(turn).argmax(axis=1)
-        signs = turn[np.arange(3), axes]
-        source = np.empty_like(powers)
-        source[:, axes] = powers
-        vectors.append(np.prod(signs**powers, axis=1) * shape.moments[tuple(source.T)])
-    return np.asarray(np.array(vectors) * scales)
+    own = shape.principal_frame[:3, :3]
+    frames = [np.eye(3), *(own.T @ frame[:3, :3] for frame in shape.alternatives)]
+    frames += _frames_within(shape, gap_tolerance, sign_tolerance)
+    moments = turned_moments(shape.moments, np.array(different(frames)))
+    return np.asarray(moments[:, *powers.T] * scales)
+
+
+def _frames_within(
+    shape: CanonicalShape, gap_tolerance: float, sign_tolerance: float
+) -> list[NDArray[np.float64]]:
+    """Return further frames as columns v2, v3, v1 in canonical coordinates."""
+    found = admissible_frames(
+        np.ones(3),
+        np.array([*(shape.sign_margins >= sign_tolerance), False]),
+        shape.eigenvalue_gaps < gap_tolerance,
+        shape.moments.transpose(2, 0, 1),
+    )
+    return [frame[[1, 2, 0]] for frame in found]
