@@ -1,0 +1,116 @@
+"""What the experiment should show, and whether it does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from momrec_ros.experiment import Study, Trial
+from momrec_ros.neighbours import Neighbour
+
+__all__ = ["Bound", "paper_bounds"]
+
+STEADY_STEP = 4  # from which on the third-order rates should be high
+MOST_FEATURES = 8  # with alternatives
+CONFUSIONS = 3  # that are told
+WELL_APART = 2.0  # times their stray: classes that far apart are rarely confused
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A figure that the experiment should reach.
+
+    Attributes
+    ----------
+    what : str
+        The figure.
+    expected, found : str
+        With units.
+    held : bool
+        Whether it was reached.
+    why : str
+        Where it was not, the reason; empty where there is nothing to say.
+    """
+
+    what: str
+    expected: str
+    found: str
+    held: bool
+    why: str = ""
+
+
+def paper_bounds(study: Study, neighbours: Sequence[Neighbour]) -> list[Bound]:
+    """Compare a study of the paper's experiment with what it should show.
+
+    Parameters
+    ----------
+    study : Study
+        With trials of orders 2 and 3.
+    neighbours : sequence of Neighbour
+        Of its classes by their second moments.
+
+    Returns
+    -------
+    bounds : list of Bound
+    """
+    splits = f"mean of {len(study.ruled[3].splits)} splits"
+    third = 100 * study.ruled[3].spread().test_mean
+    second = 100 * study.ruled[2].spread().test_mean
+    free = 100 * study.free[3].spread().test_mean[:MOST_FEATURES]
+    steady = third[STEADY_STEP - 1 :].min(initial=100.0)
+    return [
+        _rate(f"third order, test set, {splits}, from step {STEADY_STEP} on", steady, 98.0),
+        _rate(f"third order, test set, {splits}, {_best(third)}", third.max(), 99.5),
+        _rate(
+            f"second order, test set, {splits}, three moments",
+            second[-1],
+            92.5,
+            _why_second_order(study.ruled[2], neighbours),
+        ),
+        _rate(
+            f"third order, test set, {splits}, with alternatives, at most {MOST_FEATURES} moments, "
+            f"{_best(free)}",
+            free.max(),
+            99.9,
+        ),
+    ]
+
+
+def _rate(what: str, found: float, expected: float, why: str = "") -> Bound:
+    held = bool(round(float(found), 6) >= expected)
+    return Bound(what, f"{expected:g} %", f"{found:.2f} %", held, "" if held else why)
+
+
+def _best(rates: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
+    return f"best step ({int(np.argmax(rates)) + 1})"
+
+
+def _why_second_order(trial: Trial, neighbours: Sequence[Neighbour]) -> str:
+    """Say which classes are confused, and whether reconstruction or likeness is to blame."""
+    tested = sum(len(split.test) for split in trial.splits)
+    confusions = trial.confusions(trial.steps)
+    worst = list(confusions.items())[:CONFUSIONS]
+    share = sum(count for _, count in worst) / max(1, sum(confusions.values()))
+    named = ", ".join(f"{one} taken for {other} ({count})" for (one, other), count in worst)
+    text = [
+        f"{sum(confusions.values())} of {tested} wrong; {100 * share:.0f} % of these are: {named}."
+    ]
+    text += [_likeness(found) for found in neighbours if found.label == worst[0][0][0]]
+    return " ".join(text)
+
+
+def _likeness(found: Neighbour) -> str:
+    cause = (
+        "The objects themselves would be told apart; ten silhouettes leave too much of what is "
+        "hollow, and how much depends on the views"
+        if found.apart_as_modelled > WELL_APART * found.stray
+        or found.apart_as_modelled > WELL_APART * found.apart
+        else "The objects themselves are that alike"
+    )
+    return (
+        f"In the metric T, reconstructions of {found.label} stray by {found.stray:.2f} from their "
+        f"mean, which is {found.apart:.2f} from that of {found.nearest}; as modelled, the two are "
+        f"{found.apart_as_modelled:.2f} apart. {cause}."
+    )
