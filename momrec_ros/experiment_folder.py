@@ -56,16 +56,16 @@ CAPTIONS = {
     "figure_5": (
         "Figure 5: a reconstruction and its refinement",
         (
-            "Two silhouettes give parallelograms in each plane across their common line; every further "
-            "view clips them. Below, one slice: what the first two views allow (thin), what is left "
-            "(filled), and the object's own cross-section (red)."
+            "Two silhouettes give parallelograms in each plane across their common line; every "
+            "further view clips them. Below, one slice: what the first two views allow (thin), "
+            "what is left (filled), and the object's own cross-section (red)."
         ),
     ),
     "figure_6": (
         "Figure 6: four orders of the same views",
         (
-            "The first two views determine the planes, so that cross-sections (above) depend on the "
-            "order of the views; the triangulated surfaces (below) hardly do."
+            "The first two views determine the planes, so that the cross-sections (above) depend "
+            "on the order of the views; the triangulated surfaces (below) hardly do."
         ),
     ),
     "figure_9": ("Figure 9: the ten objects", "As modelled, each seen from the same side."),
@@ -76,8 +76,8 @@ CAPTIONS = {
     "figure_11": (
         "Figure 11: reconstructed and canonical versions",
         (
-            "The first instance of each class: moved, turned and scaled at random, reconstructed from "
-            "its silhouettes, brought into its canonical frame; seen as in figure 10."
+            "The first instance of each class: moved, turned and scaled at random, reconstructed "
+            "from its silhouettes, brought into its canonical frame; seen as in figure 10."
         ),
     ),
 }

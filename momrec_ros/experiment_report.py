@@ -36,14 +36,16 @@ img { width: 100%; height: auto; }
 figure { margin: 1rem 0 2rem; }
 figcaption, .faint { color: #52606d; font-size: .92rem; }
 table { border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }
-th, td { padding: .22rem .7rem; text-align: right; border-bottom: 1px solid #e4e7eb; }
+th, td { padding: .22rem .7rem; text-align: right; white-space: nowrap;
+  border-bottom: 1px solid #e4e7eb; }
 th { color: #52606d; font-weight: 600; vertical-align: bottom; }
-td.text, th.text { text-align: left; }
+td.text, th.text { text-align: left; white-space: normal; }
 td.edge, th.edge { border-left: 2px solid #cbd2d9; }
 caption { text-align: left; font-weight: 600; padding: .4rem 0; }
 .held { color: #006b4e; font-weight: 600; white-space: nowrap; }
 .missed { color: #b04a00; font-weight: 600; white-space: nowrap; }
-.side { display: grid; grid-template-columns: repeat(auto-fit, minmax(500px, 1fr)); gap: 1.2rem; }
+.side { display: grid; gap: 1.2rem;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 500px), 1fr)); }
 .wide { overflow-x: auto; }
 """
 
@@ -153,34 +155,29 @@ def spread_section(
     section : str
         HTML.
     """
-    columns = [(order, trial.spread(), free[order].spread()) for order, trial in ruled.items()]
-    longest = max(len(found.test_mean) for _, found, _ in columns)
-    rows = []
-    for step in range(longest):
-        cells = []
-        for _, found, better in columns:
-            cells += [
-                _mean(found.train_mean, found.train_std, step, "edge"),
-                _mean(found.test_mean, found.test_std, step),
-                _mean(better.test_mean, better.test_std, step),
-            ]
-        rows.append(f"<tr><td>{step + 1}</td>{''.join(cells)}</tr>")
-    groups = "".join(
-        f'<th colspan="3" class="edge">up to order {order}</th>' for order, _, _ in columns
-    )
-    each = '<th class="edge">training</th><th>test</th><th>test, alternatives</th>'
-    head = f"<tr><th></th>{groups}</tr><tr><th>step</th>{each * len(columns)}</tr>"
+    tables = [_spread(trial, free[order]) for order, trial in ruled.items()]
     shown = "" if picture is None else _picture(picture, title)
-    return _section(title, f"<p>{escape(text)}</p>{shown}{_table(head, rows)}")
+    return _section(title, f'<p>{escape(text)}</p>{shown}<div class="side">{"".join(tables)}</div>')
 
 
-def _mean(
-    means: NDArray[np.float64], deviations: NDArray[np.float64], step: int, kind: str = ""
-) -> str:
-    start = f'<td class="{kind}">' if kind else "<td>"
-    if step >= len(means):
-        return f"{start}</td>"
-    return f"{start}{100 * means[step]:.1f} ± {100 * deviations[step]:.1f}</td>"
+def _spread(ruled: Trial, free: Trial) -> str:
+    found, better = ruled.spread(), free.spread()
+    columns = (
+        _means(found.train_mean, found.train_std),
+        _means(found.test_mean, found.test_std),
+        _means(better.test_mean, better.test_std),
+    )
+    rows = [
+        f"<tr><td>{step}</td>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+        for step, cells in enumerate(zip_longest(*columns, fillvalue=""), start=1)
+    ]
+    head = _head(["step", "training", "test", "test, with alternatives"])
+    return _table(head, rows, caption=f"{ORDER_LETTERS[ruled.order]} order")
+
+
+def _means(means: NDArray[np.float64], deviations: NDArray[np.float64]) -> list[str]:
+    pairs = zip(means, deviations, strict=True)
+    return [f"{100 * mean:.1f} ± {100 * deviation:.1f}" for mean, deviation in pairs]
 
 
 def neighbours_section(title: str, text: str, found: Sequence[Neighbour], picture: Path) -> str:
