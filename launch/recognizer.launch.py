@@ -3,6 +3,8 @@
 ros2 launch momrec_ros recognizer.launch.py model:=/path/to/model.json contours:=/vision/contours
 """
 
+from pathlib import Path
+
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode
@@ -62,6 +64,9 @@ def _arguments() -> list[DeclareLaunchArgument]:
 
 
 def _recognizer(context: LaunchContext) -> list[LifecycleNode]:
+    params_file = Path(LaunchConfiguration("params_file").perform(context))
+    if not params_file.is_file():
+        raise FileNotFoundError(f"Expected a YAML file as params_file, got {params_file}")
     given = {
         name: ParameterValue(LaunchConfiguration(name), value_type=kind)
         for name, kind in PARAMETER_TYPES.items()

@@ -27,12 +27,13 @@ from momrec_core.layers import (
     without_needless,
 )
 from momrec_core.slicing import (
+    Intersection,
     PlaneFamily,
     clip_sections,
     common_line,
     height_range,
-    initial_sections,
     viewing_region,
+    viewing_volume,
 )
 from momrec_core.tiling import tile
 from momrec_core.view import View
@@ -44,7 +45,7 @@ SPARSE_SHARE = 0.34  # of the planes that still meet the hull, below which that 
 SEARCH_ROUNDS, SEARCH_PLANES = 4, 4  # the hull's ends are found to 1 / 5^4 of a spacing
 SEARCH_DENSITY = 32  # planes per spacing where a hull may hide between two planes
 END_INSET = 1e-3  # of the spacing: how far inside its ends the hull is cut for its caps
-DOUBTFUL_VOLUME = 1e-5  # of the hull's: what a slab with an event or a ledge may leave open
+DOUBTFUL_VOLUME = 2e-5  # of the hull's: what a slab with an event or a ledge may leave open
 EVENT_DEPTH = 8  # halvings of such a slab at the most
 MAX_LAYERS = 5  # times the slices: where everything changes everywhere, the worst comes first
 MARGIN = 0.25  # of the sections' box: what the hull may stick out between two planes
@@ -121,7 +122,9 @@ class VisualHull:
             self._begin()
         elif self.emptied_by is None:
             before = self._sections
-            self._sections = clip_sections(before, view, self._family, self._family.offsets)
+            self._sections = clip_sections(
+                before, viewing_volume(view, self._family), self._family.offsets
+            )
             self._after_clipping(before)
 
     def _begin(self) -> None:
@@ -137,7 +140,7 @@ class VisualHull:
                 self.emptied_by = last
                 self._sections = [CrossSection()] * self._count
                 return
-            self._sections = self._cut(self._family, self._family.offsets)
+            self._sections = self._intersection(self._family).cut(self._family.offsets)
             self._after_clipping(None)
             return
 
@@ -165,7 +168,7 @@ class VisualHull:
             return False
         count = SEARCH_DENSITY * (len(previous) + 1)
         finer = PlaneFamily.spread(family.frame, family.unit, low, high, count)
-        sections = self._cut(finer, finer.offsets)
+        sections = self._intersection(finer).cut(finer.offsets)
         if len(_occupied(sections)) == 0:
             return False
         self._family, self._sections = finer, sections
@@ -177,14 +180,8 @@ class VisualHull:
         offsets = np.concatenate([[family.low], family.offsets, [family.high]])
         return float(offsets[occupied[0]]), float(offsets[occupied[-1] + 2])
 
-    def _cut(self, family: PlaneFamily, offsets: NDArray[np.float64]) -> list[CrossSection]:
-        """Cut the intersection of all viewing volumes with planes at any offsets."""
-        first, second = self._require_pair()
-        sections = initial_sections(self.views[first], self.views[second], family, offsets)
-        for index, view in reversed([*enumerate(self.views)]):  # the newest leave the least
-            if index not in (first, second):
-                sections = clip_sections(sections, view, family, offsets)
-        return sections
+    def _intersection(self, family: PlaneFamily) -> Intersection:
+        return Intersection(self.views, self._require_pair(), family)
 
     def _fit(self) -> None:
         """Lay the planes anew between the ends of what is left of the hull."""
@@ -199,7 +196,7 @@ class VisualHull:
             np.array([*(corner_high + margin), high]),
             self._count,
         )
-        self._sections = self._cut(self._family, self._family.offsets)
+        self._sections = self._intersection(self._family).cut(self._family.offsets)
 
     def _find_ends(
         self, low: float, high: float, occupied: NDArray[np.int64]
@@ -208,10 +205,11 @@ class VisualHull:
         family = self._require_family()
         low_inside, high_inside = family.offsets[occupied[[0, -1]]]
         steps = np.arange(1, SEARCH_PLANES + 1) / (SEARCH_PLANES + 1)
+        hull = self._intersection(family)
         for _ in range(SEARCH_ROUNDS):
             from_low = low + steps * (low_inside - low)
             from_high = high + steps * (high_inside - high)
-            found = _meets(self._cut(family, np.concatenate([from_low, from_high])))
+            found = _meets(hull.cut(np.concatenate([from_low, from_high])))
             low, low_inside = _narrow(low, low_inside, from_low, found[:SEARCH_PLANES])
             high, high_inside = _narrow(high, high_inside, from_high, found[SEARCH_PLANES:])
         return low, high
@@ -302,7 +300,8 @@ class VisualHull:
         """
         inset = END_INSET * family.spacing
         ends = np.array([family.low + inset, family.high - inset])
-        bottom, top = self._cut(family, ends)
+        hull = self._intersection(family)
+        bottom, top = hull.cut(ends)
         offsets = [family.low, ends[0], *family.offsets, ends[1], family.high]
         sections = [CrossSection(), bottom, *self._sections, top, CrossSection()]
         layers = layers_of_sections(offsets, sections)
@@ -310,13 +309,15 @@ class VisualHull:
         doubtful = DOUBTFUL_VOLUME * family.spacing * sum(layer.area for layer in layers)
         open_slabs = slabs.between(pairwise(layers))
         for _ in range(EVENT_DEPTH):
-            doubts = [slab.doubt(largest) for slab in open_slabs]
-            worst = np.argsort(doubts)[::-1][: MAX_LAYERS * self._count - len(layers)]
-            open_slabs = [open_slabs[index] for index in worst if doubts[index] > doubtful]
+            open_slabs = [slab for slab in open_slabs if slab.leaves_open(doubtful, largest)]
+            room = MAX_LAYERS * self._count - len(layers)
+            if len(open_slabs) > room:
+                open_slabs.sort(key=lambda slab: -slab.doubt(largest))
+            open_slabs = open_slabs[:room]
             if not open_slabs:
                 break
             middles = np.array([slab.below.offset + slab.height / 2 for slab in open_slabs])
-            new = layers_of_sections(middles, self._cut(family, middles))
+            new = layers_of_sections(middles, hull.cut(middles))
             layers.extend(new)
             open_slabs = slabs.between(
                 half

@@ -51,6 +51,10 @@ class Layer:
         The shell of each piece, and the number of contours.
     polygons : array of Polygon, shape (pieces,)
         The pieces, prepared for many tests.
+    areas : array, shape (pieces,)
+        Their areas, in squared units.
+    bounds : array, shape (pieces, 4)
+        Their boxes: least x and y, greatest x and y.
     """
 
     offset: float
@@ -58,27 +62,20 @@ class Layer:
     first: NDArray[np.int64]
     polygons: NDArray[np.object_]
 
+    areas: NDArray[np.float64]
+    bounds: NDArray[np.float64]
+
     def __len__(self) -> int:
         return len(self.polygons)
-
-    @cached_property
-    def areas(self) -> NDArray[np.float64]:
-        """Area of each piece, in squared units."""
-        return np.asarray(shapely.area(self.polygons))
 
     @cached_property
     def area(self) -> float:
         """Area of all pieces, in squared units."""
         return float(self.areas.sum())
 
-    @cached_property
-    def bounds(self) -> NDArray[np.float64]:
-        """Box of each piece: least x and y, greatest x and y; shape (pieces, 4)."""
-        return np.asarray(shapely.bounds(self.polygons)).reshape(-1, 4)
-
     def contours(self, piece: int) -> range:
         """Return the numbers of a piece's contours: its shell, then its holes."""
-        return range(self.first[piece], self.first[piece + 1])
+        return range(int(self.first[piece]), int(self.first[piece + 1]))
 
     def ring(self, contour: int) -> NDArray[np.float64]:
         """Return the vertices of a contour, shape (n, 2)."""
@@ -96,11 +93,11 @@ class Layer:
         owners, positions = number_within(counts)
         contours = self.first[chosen][owners] + positions
         vertices, _ = self.rings.around(contours)
-        first = np.concatenate([[0], np.cumsum(self.rings.counts[contours])])
-        rings = Rings(self.rings.points[vertices], first)
-        return Layer(
-            self.offset, rings, np.concatenate([[0], np.cumsum(counts)]), self.polygons[chosen]
-        )
+        starts = np.concatenate([[0], np.cumsum(self.rings.counts[contours])])
+        rings = Rings(self.rings.points[vertices], starts)
+        first = np.concatenate([[0], np.cumsum(counts)])
+        polygons, areas, bounds = self.polygons[chosen], self.areas[chosen], self.bounds[chosen]
+        return Layer(self.offset, rings, first, polygons, areas, bounds)
 
 
 def layers_of_sections(
@@ -137,6 +134,7 @@ def layers_of_sections(
         shapely.linearrings(rings.points, indices=vertex_rings), indices=pieces
     )
     shapely.prepare(polygons)
+    columns = (polygons, shapely.area(polygons), shapely.bounds(polygons))
     piece_ends = np.searchsorted(layer_of, np.arange(len(sections) + 1))
     ring_ends = np.searchsorted(pieces, piece_ends)
     first = np.searchsorted(pieces, np.arange(len(polygons) + 1))
@@ -146,13 +144,16 @@ def layers_of_sections(
     ):
         start, stop = rings.first[[begin, end]]
         own = Rings(rings.points[start:stop], rings.first[begin : end + 1] - start)
-        layers.append(Layer(float(offset), own, first[low : high + 1] - begin, polygons[low:high]))
+        pieces = first[low : high + 1] - begin
+        layers.append(Layer(float(offset), own, pieces, *(it[low:high] for it in columns)))
     return layers
 
 
 def _empty_layer(offset: float) -> Layer:
     none = np.zeros(1, dtype=np.int64)
-    return Layer(float(offset), Rings(np.empty((0, 2)), none), none, np.empty(0, dtype=object))
+    rings = Rings(np.empty((0, 2)), none)
+    polygons = np.empty(0, dtype=object)
+    return Layer(float(offset), rings, none, polygons, np.empty(0), np.empty((0, 4)))
 
 
 def _parts(section: CrossSection) -> list[CrossSection]:
@@ -163,6 +164,8 @@ def _shells_first(loops: list[NDArray[np.float64]], pieces: NDArray[np.int64]) -
     """Join the contours of pieces, each one's shell before its holes."""
     first = np.concatenate([[0], np.cumsum([len(loop) for loop in loops])])
     rings = Rings(np.concatenate(loops), first)
+    if pieces[-1] + 1 == len(loops):
+        return rings
     order = np.lexsort([-rings.areas, pieces])
     vertices, _ = rings.around(order)
     first = np.concatenate([[0], np.cumsum(rings.counts[order])])
@@ -208,20 +211,17 @@ class Slab:
         """Distance between the layers, in units."""
         return self.above.offset - self.below.offset
 
-    @cached_property
-    def unmatched_area(self) -> float:
-        """Area of the knots' pieces that is on one side and not on the other, squared units."""
-        low = [piece for pieces, _ in self.knots for piece in pieces]
-        high = [piece for _, pieces in self.knots for piece in pieces]
-        area = float(self.below.areas[low].sum() + self.above.areas[high].sum())
-        if low and high:
-            area -= 2 * (self.below.region(low) ^ self.above.region(high)).area()
-        return area
+    def changes(self, largest: float) -> bool:
+        """Tell whether pieces change, or the area by a ledge; see `doubt`."""
+        return bool(self.knots) or self._ledge(largest) > 0
 
-    def ledge(self, largest: float) -> float:
-        """Return the change in area from layer to layer where it is one worth locating."""
-        step = abs(self.above.area - self.below.area)
-        return step if step > LEDGE * largest else 0.0
+    def leaves_open(self, volume: float, largest: float) -> bool:
+        """Tell whether the doubt exceeds a volume; see `doubt`."""
+        low, high = self._knot_areas
+        ledge = self._ledge(largest)
+        if (low + high + ledge) * self.height <= volume:
+            return False
+        return (abs(low - high) + ledge) * self.height > volume or self.doubt(largest) > volume
 
     def doubt(self, largest: float) -> float:
         """Return the volume, in cubed units, that pieces which change and ledges leave open.
@@ -231,7 +231,32 @@ class Slab:
         largest : float
             Area of the largest section, in squared units, that ledges are compared with.
         """
-        return (self.unmatched_area + self.ledge(largest)) * self.height
+        return (sum(self._knot_areas) - 2 * self._common_area + self._ledge(largest)) * self.height
+
+    def _ledge(self, largest: float) -> float:
+        """Return the change in area from layer to layer where it is one worth locating."""
+        step = abs(self.above.area - self.below.area)
+        return step if step > LEDGE * largest else 0.0
+
+    @cached_property
+    def _knot_areas(self) -> tuple[float, float]:
+        """Areas of the knots' pieces below and above."""
+        if not self.knots:
+            return 0.0, 0.0
+        low, high = self._knot_pieces()
+        below = sum(float(self.below.areas[piece]) for piece in low)
+        above = sum(float(self.above.areas[piece]) for piece in high)
+        return below, above
+
+    @cached_property
+    def _common_area(self) -> float:
+        """Area of the knots' pieces that is on both sides."""
+        low, high = self._knot_pieces()
+        return (self.below.region(low) ^ self.above.region(high)).area() if low and high else 0.0
+
+    def _knot_pieces(self) -> tuple[list[int], list[int]]:
+        low, high = ([piece for group in self.knots for piece in group[side]] for side in (0, 1))
+        return low, high
 
 
 class Slabs:
@@ -264,19 +289,20 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     is_pair = (np.bincount(labels) == 2)[labels[lower]]
     is_pair &= _are_similar(areas[lower], areas[upper])
     is_left = np.ones(count, dtype=bool)
-    for low, high in np.column_stack([lower, upper])[is_pair].tolist():
-        slab, pieces = slabs[side_of[low] // 2], (int(place[low]), int(place[high]))
+    sides_of, places = side_of.tolist(), place.tolist()
+    for low, high in zip(lower[is_pair].tolist(), upper[is_pair].tolist(), strict=True):
+        slab, pieces = slabs[sides_of[low] // 2], (places[low], places[high])
         contours = _contour_pairs(slab, *pieces)
         if contours:
             slab.pairs[pieces] = contours
-            is_left[[low, high]] = False
+            is_left[low] = is_left[high] = False
     groups: dict[int, tuple[list[int], list[int]]] = {}
     for piece in np.flatnonzero(is_left).tolist():
-        slab, side = divmod(int(side_of[piece]), 2)
+        index, side = divmod(sides_of[piece], 2)
         if labels[piece] not in groups:
             groups[labels[piece]] = ([], [])
-            slabs[slab].knots.append(groups[labels[piece]])
-        groups[labels[piece]][side].append(int(place[piece]))
+            slabs[index].knots.append(groups[labels[piece]])
+        groups[labels[piece]][side].append(places[piece])
     for slab in slabs:
         _bridge(slab)
     return slabs
@@ -314,10 +340,14 @@ def _meeting(
     polygons: NDArray[np.object_], lower: NDArray[np.int64], upper: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs, of those given, whose polygons have an area in common."""
-    meet = shapely.intersects(polygons[lower], polygons[upper])
-    lower, upper = lower[meet], upper[meet]
-    apart = shapely.touches(polygons[lower], polygons[upper])
-    return lower[~apart], upper[~apart]
+    below, above = polygons[lower], polygons[upper]
+    middles = shapely.get_coordinates(shapely.centroid(below)).T
+    meet = shapely.contains_xy(below, *middles) & shapely.contains_xy(above, *middles)
+    others = np.flatnonzero(~meet)  # whose centroid does not tell
+    meet[others] = shapely.intersects(below[others], above[others])
+    others = others[meet[others]]
+    meet[others] = ~shapely.touches(below[others], above[others])
+    return lower[meet], upper[meet]
 
 
 def _are_similar(areas: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -327,13 +357,11 @@ def _are_similar(areas: NDArray[np.float64], others: NDArray[np.float64]) -> NDA
 
 def _contour_pairs(slab: Slab, low: int, high: int) -> list[tuple[int, int]]:
     """Match the contours of two pieces, the holes by overlap; none where that isn't one to one."""
-    shells, holes = zip(
-        *((it[0], it[1:]) for it in (slab.below.contours(low), slab.above.contours(high))),
-        strict=True,
-    )
-    count = len(holes[0])
-    if count != len(holes[1]):
+    below, above = slab.below.contours(low), slab.above.contours(high)
+    if len(below) != len(above):
         return []
+    shells, holes = (below[0], above[0]), (below[1:], above[1:])
+    count = len(holes[0])
     if count == 0:
         return [shells]
     polygons = shapely.polygons(
@@ -413,9 +441,9 @@ def without_needless(
     largest = max(layer.area for layer in layers)
     kept = np.isin([layer.offset for layer in layers], list(wanted))
     for index, slab in enumerate(slabs.between(pairwise(layers))):
-        kept[[index, index + 1]] |= slab.doubt(largest) > 0
+        kept[[index, index + 1]] |= slab.changes(largest)
     gaps = [(low, high) for low, high in pairwise(np.flatnonzero(kept).tolist()) if high > low + 1]
     bridges = slabs.between((layers[low], layers[high]) for low, high in gaps)
     for gap, slab in zip(gaps, bridges, strict=True):
-        kept[slice(*gap)] |= slab.doubt(largest) > doubtful_volume
+        kept[slice(*gap)] |= slab.leaves_open(doubtful_volume, largest)
     return [layer for layer, is_kept in zip(layers, kept, strict=True) if is_kept]

@@ -39,7 +39,11 @@ def double_shared_edges(
     order, first, counts = _group_edges(len(points), triangles)
     if counts.max(initial=0) <= 2:
         return points, triangles
-    points, triangles = _compact(points, _without_flaps(triangles))
+    is_shared = np.zeros(triangles.size, dtype=bool)
+    is_shared[order] = np.repeat(counts > 2, counts)
+    suspects = is_shared.reshape(-1, 3).any(axis=1)
+    triangles = np.concatenate([triangles[~suspects], _without_flaps(triangles[suspects])])
+    points, triangles = _compact(points, triangles)
     order, first, counts = _group_edges(len(points), triangles)
     shared = np.flatnonzero(counts > 2)
     if len(shared) == 0:
@@ -56,25 +60,40 @@ def double_shared_edges(
             middles.append(middle)
     whole = np.delete(triangles, list(inserted), axis=0)
     parts = [_fan(triangles[face], corners) for face, corners in inserted.items()]
-    return _split_vertices(np.concatenate([points, middles]), np.concatenate([whole, *parts]))
+    is_suspect = np.ones(len(points) + len(middles), dtype=bool)
+    is_suspect[: len(points)] = False
+    sides = order[first[shared]]
+    is_suspect[[heads[sides], tails[sides]]] = True
+    return _split_vertices(
+        np.concatenate([points, middles]), np.concatenate([whole, *parts]), is_suspect
+    )
 
 
 def _split_vertices(
-    points: NDArray[np.float64], triangles: NDArray[np.int64]
+    points: NDArray[np.float64], triangles: NDArray[np.int64], is_suspect: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Give each vertex as many copies as there are fans of triangles around it.
+    """Give each suspect vertex as many copies as there are fans of triangles around it.
 
     Corners belong to one fan where their triangles share an edge at the vertex.
     """
-    order, _, _ = _group_edges(len(points), triangles)
-    first, second = order.reshape(-1, 2).T
-    following = np.arange(triangles.size).reshape(-1, 3)[:, [1, 2, 0]].ravel()
+    near = np.flatnonzero(is_suspect[triangles].any(axis=1))
+    local = triangles[near]
+    order, begin, counts = _group_edges(len(points), local)
+    first, second = order[begin[counts == 2] + np.array([[0], [1]])]
+    following = np.arange(local.size).reshape(-1, 3)[:, [1, 2, 0]].ravel()
     joined = np.concatenate([[first, following[second]], [following[first], second]], axis=1)
-    shape = (triangles.size, triangles.size)
-    graph = coo_array((np.ones(joined.shape[1]), joined), shape=shape)
-    _, fans = connected_components(graph, directed=False)
-    _, corners, faces = np.unique(fans, return_index=True, return_inverse=True)
-    return points[triangles.ravel()[corners]], faces.reshape(-1, 3)
+    graph = coo_array((np.ones(joined.shape[1]), joined), shape=(local.size, local.size))
+    _, labels = connected_components(graph, directed=False)
+    corners = np.flatnonzero(is_suspect[local.ravel()])
+    _, samples, fans = np.unique(labels[corners], return_index=True, return_inverse=True)
+    vertices = local.ravel()[corners[samples]]
+    _, kept = np.unique(vertices, return_index=True)
+    copies = np.delete(np.arange(len(vertices)), kept)
+    numbers = vertices.copy()
+    numbers[copies] = len(points) + np.arange(len(copies))
+    local.ravel()[corners] = numbers[fans]
+    triangles[near] = local
+    return np.concatenate([points, points[vertices[copies]]]), triangles
 
 
 def _group_edges(
@@ -84,8 +103,8 @@ def _group_edges(
     heads, tails = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
     edges = np.minimum(heads, tails) * count + np.maximum(heads, tails)
     order = np.argsort(edges, kind="stable")
-    _, first, counts = np.unique(edges[order], return_index=True, return_counts=True)
-    return order, first, counts
+    first = np.flatnonzero(np.diff(edges[order], prepend=-1))
+    return order, first, np.diff(first, append=len(edges))
 
 
 def _without_flaps(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -134,10 +153,9 @@ def _pair_around_edge(
     along = triangles[faces, corners] == triangles[faces[0], corners[0]]
     origin = points[triangles[faces[0], corners[0]]]
     axis = points[tails[0]] - origin
-    _, _, across = np.linalg.svd(axis[None, :])
-    if np.linalg.det(np.vstack([axis, across[1:]])) < 0:
-        across[2] *= -1
-    spokes = (points[triangles[faces, (corners + 2) % 3]] - origin) @ across[1:].T
+    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    basis = np.column_stack([across * np.linalg.norm(axis), np.cross(axis, across)])
+    spokes = (points[triangles[faces, (corners + 2) % 3]] - origin) @ basis
     turn = np.lexsort([along, np.arctan2(spokes[:, 1], spokes[:, 0])])
     ends = along[turn]
     balance = np.cumsum(np.where(ends, -1, 1))

@@ -91,13 +91,15 @@ def _swapped(contacts: _EdgePairs) -> _EdgePairs:
 def _near(below: Edges, above: Edges) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs of edges of a group whose boxes meet; the groups are laid side by side."""
     extent = float(np.ptp(np.concatenate([below.starts[:, 0], above.starts[:, 0]]))) + 1.0
-    boxes = []
+    diagonals = []
     for edges in (below, above):
         low = np.minimum(edges.starts, edges.ends) - TOUCH
         high = np.maximum(edges.starts, edges.ends) + TOUCH
         aside = extent * edges.groups
-        boxes.append(shapely.box(low[:, 0] + aside, low[:, 1], high[:, 0] + aside, high[:, 1]))
-    lower, upper = shapely.STRtree(boxes[1]).query(boxes[0])
+        low[:, 0] += aside
+        high[:, 0] += aside
+        diagonals.append(shapely.linestrings(np.stack([low, high], axis=1)))
+    lower, upper = shapely.STRtree(diagonals[1]).query(diagonals[0])
     return lower, upper
 
 

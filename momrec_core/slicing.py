@@ -17,16 +17,18 @@ from manifold3d import CrossSection
 from numpy.typing import NDArray
 
 from momrec_core.camera import Camera
+from momrec_core.rings import Rings, number_within
 from momrec_core.view import View
 
 __all__ = [
+    "Intersection",
     "PlaneFamily",
     "clip_sections",
     "common_line",
     "height_range",
-    "initial_sections",
     "viewing_direction",
     "viewing_region",
+    "viewing_volume",
 ]
 
 MIN_ANGLE = np.radians(1.0)  # between viewing directions: below, depth is noise times 60 and more
@@ -235,85 +237,133 @@ def _depth_range(camera: Camera, family: PlaneFamily) -> tuple[float, float]:
     return max(float(centre) - RADIUS, 0.0), max(float(centre), 0.0) + RADIUS
 
 
-def initial_sections(
-    first: View, second: View, family: PlaneFamily, offsets: NDArray[np.float64]
-) -> list[CrossSection]:
-    """Intersect two viewing volumes plane by plane.
+class Intersection:
+    """The intersection of viewing volumes, ready to be cut with planes at any offsets.
+
+    Parameters
+    ----------
+    views : sequence of View
+        The views.
+    pair : (int, int)
+        Which two of them gave the family's normal.
+    family : PlaneFamily
+        The planes' frame.
+    """
+
+    def __init__(self, views: Sequence[View], pair: tuple[int, int], family: PlaneFamily) -> None:
+        first, second = (views[index] for index in pair)
+        self._start = _intersected_pair(first, second, family)
+        others = [view for index, view in enumerate(views) if index not in pair]
+        self._volumes = [viewing_volume(view, family) for view in reversed(others)]
+
+    def cut(self, offsets: NDArray[np.float64]) -> list[CrossSection]:
+        """Return the cross-sections at offsets in units, as many; the newest views come first.
+
+        The newest leave the least.
+        """
+        sections = self._start(offsets)
+        for volume in self._volumes:
+            sections = clip_sections(sections, volume, offsets)
+        return sections
+
+
+Footprint = Callable[[int], CrossSection]
+ViewingVolume = Callable[[NDArray[np.float64]], Footprint]
+
+
+def _intersected_pair(
+    first: View, second: View, family: PlaneFamily
+) -> Callable[[NDArray[np.float64]], list[CrossSection]]:
+    """Return a function that cuts the intersection of two viewing volumes, plane by plane.
 
     For parallel projection, each silhouette is rasterised into scan-line segments perpendicular
     to the common line, and the segments' strips meet in N1 x N2 parallelograms per plane (Figs. 3
     and 4 of the paper). A pinhole's cone meets the plane in the silhouette's homographic image.
-
-    Parameters
-    ----------
-    first, second : View
-        The pair that gave the family's normal.
-    family : PlaneFamily
-        The planes' frame.
-    offsets : array, shape (n,)
-        Where to cut, in units.
-
-    Returns
-    -------
-    sections : list of n CrossSection
     """
     if first.camera.is_pinhole or second.camera.is_pinhole:
+        volumes = [viewing_volume(view, family) for view in (first, second)]
         whole = CrossSection.square((2 * RADIUS, 2 * RADIUS), center=True)
-        sections = clip_sections([whole] * len(offsets), first, family, offsets)
-        return clip_sections(sections, second, family, offsets)
-    across_first, spans_first = _raster(first, family, offsets)
-    across_second, spans_second = _raster(second, family, offsets)
-    from_spans = np.linalg.inv(np.array([across_first, across_second]))
-    sections = []
-    for spans1, spans2 in zip(spans_first, spans_second, strict=True):
-        pairs = _span_pairs(spans1, spans2)
-        corners = np.stack([pairs[:, [0, 1, 1, 0]], pairs[:, [2, 2, 3, 3]]], axis=-1)
-        parallelograms = list(corners @ from_spans.T)
-        sections.append(CrossSection(parallelograms, EVEN_ODD))
-    return sections
+
+        def cut_cones(offsets: NDArray[np.float64]) -> list[CrossSection]:
+            sections = clip_sections([whole] * len(offsets), volumes[0], offsets)
+            return clip_sections(sections, volumes[1], offsets)
+
+        return cut_cones
+
+    rasters = [_Raster.of(view, family) for view in (first, second)]
+    from_spans = np.linalg.inv(np.array([raster.across for raster in rasters]))
+
+    def cut_prisms(offsets: NDArray[np.float64]) -> list[CrossSection]:
+        (spans1, counts1), (spans2, counts2) = (raster.spans(offsets) for raster in rasters)
+        planes, numbers = number_within(counts1 * counts2)
+        one, other = np.divmod(numbers, counts2[planes])
+        low1, high1 = spans1[(np.cumsum(counts1) - counts1)[planes] + one].T
+        low2, high2 = spans2[(np.cumsum(counts2) - counts2)[planes] + other].T
+        corners = np.stack([low1, low2, high1, low2, high1, high2, low1, high2], axis=-1)
+        return _sections(corners.reshape(-1, 4, 2) @ from_spans.T, counts1 * counts2, EVEN_ODD)
+
+    return cut_prisms
 
 
-def _span_pairs(spans1: NDArray[np.float64], spans2: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Pair each span of one view with each of the other: rows low1, high1, low2, high2."""
-    return np.hstack([np.repeat(spans1, len(spans2), axis=0), np.tile(spans2, (len(spans1), 1))])
+def _sections(
+    quadrangles: NDArray[np.float64], counts: NDArray[np.int64], rule: manifold3d.FillRule
+) -> list[CrossSection]:
+    """Return cross-sections, each of some of the quadrangles, shape (sum of counts, 4, 2)."""
+    ends = np.cumsum(counts).tolist()
+    return [CrossSection(list(quadrangles[begin:end]), rule) for begin, end in pairwise([0, *ends])]
 
 
-def _raster(
-    view: View, family: PlaneFamily, offsets: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Rasterise a silhouette whose viewing direction lies in the planes.
+@dataclass(frozen=True, eq=False)
+class _Raster:
+    """A silhouette whose viewing direction lies in the planes, ready to be rasterised.
 
-    Returns
-    -------
+    Attributes
+    ----------
     across : array, shape (2,)
         The unit vector in the planes that the scan lines run along.
-    spans : list of array, shape (k, 2)
-        Per plane the scan-line segments, as intervals of the coordinate along `across`.
+    starts, ends : array, shape (n, 2)
+        The outline's edges: coordinates along `across` and along the planes' normal.
     """
-    camera = view.camera
-    axes = family.frame[:3, :3].T @ camera.rotation[:, :2]
-    heading = axes[2] / np.linalg.norm(axes[2])
-    across = axes[:2] @ (-heading[1], heading[0])
-    corners = [
-        family.to_planes(camera.position + ring @ camera.rotation[:, :2].T) for ring in view.rings
-    ]
-    starts = np.concatenate([np.c_[ring[:, :2] @ across, ring[:, 2]] for ring in corners])
-    ends = np.concatenate(
-        [np.roll(np.c_[ring[:, :2] @ across, ring[:, 2]], -1, axis=0) for ring in corners]
-    )
-    crossed = (starts[:, 1] <= offsets[:, None]) != (ends[:, 1] <= offsets[:, None])
-    planes, edges = np.nonzero(crossed)
-    start, end = starts[edges], ends[edges]
-    fraction = (offsets[planes] - start[:, 1]) / (end[:, 1] - start[:, 1])
-    positions = start[:, 0] + fraction * (end[:, 0] - start[:, 0])
-    order = np.lexsort([positions, planes])
-    counts = np.bincount(planes, minlength=len(offsets))
-    spans = np.split(positions[order].reshape(-1, 2), np.cumsum(counts // 2)[:-1])
-    return across, spans
+
+    across: NDArray[np.float64]
+    starts: NDArray[np.float64]
+    ends: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, view: View, family: PlaneFamily) -> _Raster:
+        camera = view.camera
+        axes = family.frame[:3, :3].T @ camera.rotation[:, :2]
+        heading = axes[2] / np.linalg.norm(axes[2])
+        across = axes[:2] @ (-heading[1], heading[0])
+        corners = family.to_planes(
+            camera.position + np.concatenate(view.rings) @ camera.rotation[:, :2].T
+        )
+        starts = np.column_stack([corners[:, :2] @ across, corners[:, 2]])
+        rings = Rings(starts, np.cumsum([0, *(len(ring) for ring in view.rings)]))
+        return cls(across, starts, starts[rings.following])
+
+    def spans(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the scan-line segments at offsets.
+
+        Returns
+        -------
+        spans : array, shape (m, 2)
+            Plane by plane, as intervals of the coordinate along `across`.
+        counts : array of int, shape (planes,)
+            How many each plane has.
+        """
+        first, last = self.starts[:, 1], self.ends[:, 1]
+        planes, edges = np.nonzero((first <= offsets[:, None]) != (last <= offsets[:, None]))
+        start, end = self.starts[edges], self.ends[edges]
+        fraction = (offsets[planes] - start[:, 1]) / (end[:, 1] - start[:, 1])
+        positions = start[:, 0] + fraction * (end[:, 0] - start[:, 0])
+        order = np.lexsort([positions, planes])
+        counts = np.bincount(planes, minlength=len(offsets)) // 2
+        return positions[order].reshape(-1, 2), counts
 
 
 def clip_sections(
-    sections: Sequence[CrossSection], view: View, family: PlaneFamily, offsets: NDArray[np.float64]
+    sections: Sequence[CrossSection], volume: ViewingVolume, offsets: NDArray[np.float64]
 ) -> list[CrossSection]:
     """Clip every cross-section with one more viewing volume.
 
@@ -325,10 +375,8 @@ def clip_sections(
     ----------
     sections : sequence of n CrossSection
         What the views before have left.
-    view : View
-        The view to clip with.
-    family : PlaneFamily
-        The planes' frame.
+    volume : function
+        The viewing volume to clip with, see `viewing_volume`.
     offsets : array, shape (n,)
         Where the planes are, in units.
 
@@ -336,85 +384,75 @@ def clip_sections(
     -------
     sections : list of n CrossSection
     """
-    footprint = _footprints(view, family, offsets)
+    footprint = volume(offsets)
     return [
         section if section.is_empty() else section ^ footprint(index)
         for index, section in enumerate(sections)
     ]
 
 
-def _footprints(
-    view: View, family: PlaneFamily, offsets: NDArray[np.float64]
-) -> Callable[[int], CrossSection]:
-    """Return a function from a plane's index to its cut with the viewing volume."""
+def viewing_volume(view: View, family: PlaneFamily) -> ViewingVolume:
+    """Return a function from offsets to a function from a plane's index to its cut."""
     if view.camera.is_pinhole:
-        return _central_footprints(view, family, offsets)
+        return _cone(view, family)
     if abs(view.camera.rotation[:, 2] @ family.frame[:3, 2]) < STRIP_COSINE:
-        return _strip_footprints(view, family, offsets)
-    return _parallel_footprints(view, family, offsets)
+        return _strips(view, family)
+    return _prism(view, family)
 
 
-def _strip_footprints(
-    view: View, family: PlaneFamily, offsets: NDArray[np.float64]
-) -> Callable[[int], CrossSection]:
-    across, spans = _raster(view, family, offsets)
-    along = 2 * RADIUS * np.array([-across[1], across[0]])  # beyond the region on both sides
+def _strips(view: View, family: PlaneFamily) -> ViewingVolume:
+    raster = _Raster.of(view, family)
+    along = 2 * RADIUS * np.array([-raster.across[1], raster.across[0]])  # beyond the region
 
-    def footprint(index: int) -> CrossSection:
-        low, high = spans[index].T[:, :, None, None]
-        corners = np.concatenate(
-            [
-                low * across - along,
-                high * across - along,
-                high * across + along,
-                low * across + along,
-            ],
-            axis=1,
-        )
-        return CrossSection(list(corners), manifold3d.FillRule.NonZero)
+    def volume(offsets: NDArray[np.float64]) -> Footprint:
+        spans, counts = raster.spans(offsets)
+        low, high = spans.T[:, :, None] * raster.across
+        corners = np.stack([low - along, high - along, high + along, low + along], axis=1)
+        return _sections(corners, counts, manifold3d.FillRule.NonZero).__getitem__
 
-    return footprint
+    return volume
 
 
-def _parallel_footprints(
-    view: View, family: PlaneFamily, offsets: NDArray[np.float64]
-) -> Callable[[int], CrossSection]:
+def _prism(view: View, family: PlaneFamily) -> ViewingVolume:
     camera = view.camera
     image_from_planes = camera.rotation[:, :2].T @ family.frame[:3, :3]
     origin = (family.frame[:3, 3] - camera.position) @ camera.rotation[:, :2] / family.unit
     planes_from_image = np.linalg.inv(image_from_planes[:, :2])
-    shifts = -offsets[:, None] * image_from_planes[:, 2] @ planes_from_image.T
+    shift = -planes_from_image @ image_from_planes[:, 2]
     silhouette = CrossSection([ring / family.unit - origin for ring in view.rings], EVEN_ODD)
-    turned = silhouette.transform(np.c_[planes_from_image, np.zeros(2)])
+    turned = silhouette.transform(np.column_stack([planes_from_image, np.zeros(2)]))
 
-    def footprint(index: int) -> CrossSection:
-        return turned.translate(shifts[index])
+    def volume(offsets: NDArray[np.float64]) -> Footprint:
+        shifts = offsets[:, None] * shift
+        return lambda index: turned.translate(shifts[index])
 
-    return footprint
+    return volume
 
 
-def _central_footprints(
-    view: View, family: PlaneFamily, offsets: NDArray[np.float64]
-) -> Callable[[int], CrossSection]:
+def _cone(view: View, family: PlaneFamily) -> ViewingVolume:
     camera = view.camera
     rays, position = _rays(camera, np.concatenate(view.rings), family)
     _, far = _depth_range(camera, family)
-    heights = offsets - position[2]
-    heights = np.where(np.abs(heights) < CENTRE_DISTANCE, CENTRE_DISTANCE, heights)
-    margins = np.sign(heights)[:, None] * rays[:, 2] - (np.abs(heights) / far)[:, None]
     counts = np.array([len(ring) for ring in view.rings])
-    planes, rings, cut = _cut_rings(rays, counts, margins)
-    points = position[:2] + (heights[planes] / cut[:, 2])[:, None] * cut[:, :2]
-    bounds = np.searchsorted(
-        planes * len(counts) + rings, np.arange(len(offsets) * len(counts) + 1)
-    )
 
-    def footprint(index: int) -> CrossSection:
-        ends = bounds[index * len(counts) : (index + 1) * len(counts) + 1]
-        pieces = [points[low:high] for low, high in pairwise(ends) if high - low > 2]
-        return CrossSection(pieces, EVEN_ODD)
+    def volume(offsets: NDArray[np.float64]) -> Footprint:
+        heights = offsets - position[2]
+        heights = np.where(np.abs(heights) < CENTRE_DISTANCE, CENTRE_DISTANCE, heights)
+        margins = np.sign(heights)[:, None] * rays[:, 2] - (np.abs(heights) / far)[:, None]
+        planes, rings, cut = _cut_rings(rays, counts, margins)
+        points = position[:2] + (heights[planes] / cut[:, 2])[:, None] * cut[:, :2]
+        bounds = np.searchsorted(
+            planes * len(counts) + rings, np.arange(len(offsets) * len(counts) + 1)
+        )
 
-    return footprint
+        def footprint(index: int) -> CrossSection:
+            ends = bounds[index * len(counts) : (index + 1) * len(counts) + 1]
+            pieces = [points[low:high] for low, high in pairwise(ends) if high - low > 2]
+            return CrossSection(pieces, EVEN_ODD)
+
+        return footprint
+
+    return volume
 
 
 def _cut_rings(

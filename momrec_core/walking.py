@@ -187,9 +187,7 @@ def _walk(rings: Rings, pairs: NDArray[np.int64], starts: NDArray[np.int64]) -> 
         row += rises
         column += ~rises
     bands, positions = number_within(steps)
-    ranks = np.empty_like(order)
-    ranks[order] = np.arange(len(order))
-    return _Walks(pairs, starts, steps, taken[positions, ranks[bands]])
+    return _Walks(pairs, starts, steps, taken[positions, np.argsort(order)[bands]])
 
 
 def _unrolled(
@@ -286,30 +284,34 @@ def _best_bands(
     rings: Rings, pairs: NDArray[np.int64], expected: _Expectations
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Return the best of the least bands between contours, their bands, and their misfits."""
-    candidates = []
-    for shifts in (np.zeros_like(expected.shift), expected.shift):
-        triangles, bands = _least_walks(rings, pairs, shifts).triangles(rings)
-        misfits = _misfits(rings.points[triangles], bands, expected)
-        candidates.append((triangles, bands, misfits))
-    (first, bands, misfits), (second, _, others) = candidates
-    best = np.where((misfits <= others)[bands, None], first, second)
-    return best, bands, np.minimum(misfits, others)
+    shifts = np.concatenate([np.zeros_like(expected.shift), expected.shift])
+    triangles, bands = _least_walks(rings, np.tile(pairs, (2, 1)), shifts).triangles(rings)
+    misfits = _misfits(
+        rings.points[triangles], bands, expected[np.arange(2 * len(pairs)) % len(pairs)]
+    )
+    first, second = triangles.reshape(2, -1, 3)
+    owners = bands[: len(first)]
+    misfits, others = misfits.reshape(2, -1)
+    best = np.where((misfits <= others)[owners, None], first, second)
+    return best, owners, np.minimum(misfits, others)
 
 
 def _least_walks(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
     """Find the bands of the least area, with the contours above shifted back."""
     starts = _nearest(rings, pairs, shifts)
-    steps = rings.counts[pairs].sum(axis=1)
-    ends = np.cumsum(steps)
-    rises = np.empty(ends[-1], dtype=bool)
-    for batch in _batches(rings.counts[pairs]):
+    counts = rings.counts[pairs]
+    steps = counts.sum(axis=1)
+    first = np.cumsum(steps) - steps
+    rises = np.empty(steps.sum(), dtype=bool)
+    for batch in _batches(counts):
         low, high = (_padded(rings, pairs[batch, side], starts[batch, side]) for side in (0, 1))
         high[..., :2] -= shifts[batch]
-        for band, walk in zip(
-            batch, _least_rises(low, high, rings.counts[pairs[batch]]), strict=True
-        ):
-            rises[ends[band] - steps[band] : ends[band]] = _unpinched(walk)
-    return _Walks(pairs, starts, steps, rises)
+        owners, positions = number_within(steps[batch])
+        rises[first[batch][owners] + positions] = _least_rises(low, high, counts[batch])
+    walks = _Walks(pairs, starts, steps, rises)
+    for band in np.flatnonzero(walks.are_pinched()):
+        _unpinch(rises[first[band] : first[band] + steps[band]])
+    return walks
 
 
 def _batches(counts: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
@@ -332,7 +334,7 @@ def _padded(
 
 def _least_rises(
     low: NDArray[np.float64], high: NDArray[np.float64], counts: NDArray[np.int64]
-) -> list[NDArray[np.bool_]]:
+) -> NDArray[np.bool_]:
     """Find the bands of the least area between pairs of closed paths that start side by side.
 
     Row i, column j of a band's table is the least area up to step i below and j above. A row
@@ -347,8 +349,8 @@ def _least_rises(
 
     Returns
     -------
-    rises : list of array of bool
-        True for a step along the path below, False for one above.
+    rises : array of bool, shape (sum of counts,)
+        Band by band, True for a step along the path below and False for one above.
     """
     rises = _areas_over_edges(low, high)
     runs = _areas_over_edges(high, low).transpose(2, 1, 0)
@@ -379,28 +381,22 @@ def _areas_over_edges(
     return np.asarray(np.sqrt(beside**2 + upright**2) / 2)
 
 
-def _trace_back(is_rise: NDArray[np.bool_], counts: NDArray[np.int64]) -> list[NDArray[np.bool_]]:
+def _trace_back(is_rise: NDArray[np.bool_], counts: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Follow the least ways back through their tables, shape (rows, bands, columns)."""
     _, bands, columns = is_rise.shape
     steps = counts.sum(axis=1)
     order, active = _in_step(steps)
-    cells = (counts[:, 0] * bands + np.arange(bands)) * columns + counts[:, 1]
-    cells = cells[order]
+    cells = ((counts[:, 0] * bands + np.arange(bands)) * columns + counts[:, 1])[order]
     taken = np.empty((len(active), bands), dtype=bool)
     for step, count in enumerate(active):
         cell = cells[:count]
         taken[step, :count] = is_rise.ravel()[cell]
         cell -= np.where(taken[step, :count], bands * columns, 1)
-    walks = np.empty_like(taken)
-    walks[:, order] = taken
-    return [walks[:count, band][::-1] for band, count in enumerate(steps)]
+    owners, positions = number_within(steps)
+    return np.asarray(taken[steps[owners] - 1 - positions, np.argsort(order)[owners]])
 
 
-def _unpinched(rises: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Exchange two steps where one contour is run around in one go."""
-    turns = np.flatnonzero(rises[1:] != rises[:-1])
-    if len(turns) + (rises[0] != rises[-1]) > 2:
-        return rises
-    turn = turns[0]
+def _unpinch(rises: NDArray[np.bool_]) -> None:
+    """Exchange two steps of a walk that goes around one contour in one go."""
+    turn = np.flatnonzero(rises[1:] != rises[:-1])[0]
     rises[[turn, turn + 1]] = rises[[turn + 1, turn]]
-    return rises

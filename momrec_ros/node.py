@@ -314,7 +314,7 @@ class RecognizerNode(LifecycleNode):
         for new in given:
             self._problems.pop(new.name, None)
         if self._pipeline is not None:
-            self._pipeline.pace = self._pace()
+            self._pipeline.change_pace(self._pace())
 
     def _count_unreceived(self, lost: Any) -> None:
         self._unreceived += lost.total_count_change

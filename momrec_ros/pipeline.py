@@ -6,6 +6,7 @@ publishes never waits for geometry, and geometry never waits for who listens.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import deque
@@ -123,10 +124,10 @@ class _Message:
 
 @dataclass(eq=False)
 class _Live:
-    """What was published of an object, and when it may be again."""
+    """What was published of an object, and when."""
 
     viewed: float = 0.0  # arrival of its newest view; seconds, steady
-    next_at: float = 0.0  # seconds, steady
+    published: float = -math.inf  # when its last result was begun; seconds, steady
     result: Result | None = None
     outputs: Sequence[Output] = ()
     markers: MarkerBlock | None = None  # of the result, once asked for
@@ -152,7 +153,7 @@ class Pipeline:
     log : Log
         For people.
     pace : Pace
-        Until it is set anew.
+        Until `change_pace`.
     clock : callable
         The time that objects and pairs time out by, nanoseconds.
     frame_prefix : str
@@ -171,7 +172,7 @@ class Pipeline:
         clock: Callable[[], int],
         frame_prefix: str,
     ) -> None:
-        self.pace = pace
+        self._pace = pace
         self._make_session = make_session
         self._make_decoder = make_decoder
         self._publish = publish
@@ -199,7 +200,7 @@ class Pipeline:
         self._unsent: list[Sequence[Output]] = []
         self._owed: set[str] = set()
         self._header: Header | None = None  # of the newest result
-        self._joint_at = 0.0
+        self._joint_published = -math.inf
         self._is_joint_stale = False
         self._thread = threading.Thread(target=self._run, name="momrec pipeline", daemon=True)
         self._thread.start()
@@ -238,6 +239,10 @@ class Pipeline:
     def serve(self, name: str) -> None:
         """Publish the last result of every live object again on one output, for who came late."""
         self._request(partial(self._serve, name))
+
+    def change_pace(self, pace: Pace) -> None:
+        """Go at another pace from now on."""
+        self._request(partial(self._take_pace, pace))
 
     def reset(self) -> int:
         """Forget all objects and what waits; return how many objects there were."""
@@ -316,11 +321,11 @@ class Pipeline:
         """Return the seconds until something is to be done without news; None for never."""
         if not self._is_active:
             return None
-        times = [self._live[changed].next_at for changed in self._session.changed]
+        times = [self._live[changed].published for changed in self._session.changed]
         if self._is_joint_stale and self._header is not None:
-            times.append(self._joint_at)
-        until = [at - time.monotonic() for at in times]
-        if self._decoder.waiting or (self._session.objects and self.pace.object_timeout):
+            times.append(self._joint_published)
+        until = [self._next_after(published) - time.monotonic() for published in times]
+        if self._decoder.waiting or (self._session.objects and self._pace.object_timeout):
             until.append(POLL)
         return max(0.0, min(until)) if until else None
 
@@ -360,9 +365,9 @@ class Pipeline:
 
     def _expire(self) -> None:
         now = self._clock()
-        for event in self._decoder.expire(now, round(self.pace.pair_timeout * NANOSECONDS)):
+        for event in self._decoder.expire(now, round(self._pace.pair_timeout * NANOSECONDS)):
             self._tell_all(self._session.feed(event, now))
-        self._tell_all(self._session.end_overdue(now, self.pace.object_timeout))
+        self._tell_all(self._session.end_overdue(now, self._pace.object_timeout))
 
     def _tell_all(self, outcomes: Iterable[Outcome]) -> None:
         for outcome in outcomes:
@@ -373,10 +378,17 @@ class Pipeline:
             else:
                 self._tell(outcome.reason, outcome.text)
 
+    def _next_after(self, published: float) -> float:
+        return published + 1 / self._pace.publish_rate
+
     def _publish_next(self) -> None:
         """Publish a result of the object that changed and waits for longest, if one may be."""
         now = time.monotonic()
-        due = (changed for changed in self._session.changed if self._live[changed].next_at <= now)
+        due = (
+            changed
+            for changed in self._session.changed
+            if self._next_after(self._live[changed].published) <= now
+        )
         object_id = next(due, None)
         if object_id is None:
             return
@@ -388,7 +400,7 @@ class Pipeline:
             self._tell("no result", f"object {object_id!r} has no result: {error}")
         else:
             self._publish_result(result)
-        self._live[object_id].next_at = now + 1 / self.pace.publish_rate
+        self._live[object_id].published = now
 
     def _publish_result(self, result: Result) -> None:
         live = self._live[result.result.object_id]
@@ -408,9 +420,10 @@ class Pipeline:
     def _publish_joint(self) -> None:
         """Publish what tells of all objects, if something changed and it may be."""
         now = time.monotonic()
-        if self._is_joint_stale and self._joint_at <= now and self._header is not None:
+        is_due = self._next_after(self._joint_published) <= now
+        if self._is_joint_stale and is_due and self._header is not None:
             self._is_joint_stale = False
-            self._joint_at = now + 1 / self.pace.publish_rate
+            self._joint_published = now
             self._send([self._joint(name) for name in JOINT_OUTPUTS if self._is_wanted(name)])
 
     def _joint(self, name: str) -> Output:
@@ -462,6 +475,9 @@ class Pipeline:
                 self._publish(outputs)
             else:
                 self._unsent.append(outputs)
+
+    def _take_pace(self, pace: Pace) -> None:
+        self._pace = pace
 
     def _go_on(self) -> None:
         unsent, self._unsent = self._unsent, []

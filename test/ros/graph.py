@@ -6,12 +6,12 @@ Whatever is awaited is an event with a time limit; nothing sleeps.
 """
 
 import fcntl
+import filecmp
 import itertools
 import json
 import os
 import re
 import select
-import signal
 import subprocess
 import sys
 import tempfile
@@ -45,6 +45,7 @@ with warnings.catch_warnings():  # a dependency of rclpy's type support warns wh
 
 ROOT = Path(__file__).parents[2]
 EXECUTABLE = ROOT / "install/momrec_ros/lib/momrec_ros/recognizer"
+PACKAGES = ("momrec_core", "momrec_ros")
 LIMIT = 40.0  # seconds until an event that was awaited counts as missing, on a busy machine
 LOOK = 0.02  # seconds between looks at what no executor tells
 DOMAINS = (*range(1, 51), *range(61, 101))  # people take those between by hand
@@ -53,7 +54,7 @@ CONTOURS = "visualization_msgs/msg/MarkerArray"
 NODE = "/recognizer"
 
 _next_domain = itertools.cycle(DOMAINS[os.getpid() % len(DOMAINS) :] + DOMAINS)
-_next_stamp = itertools.count(NANOSECONDS, NANOSECONDS // 10)
+stamps = itertools.count(NANOSECONDS, NANOSECONDS // 10)
 
 
 @contextmanager
@@ -77,6 +78,11 @@ def installed_environment():
     """Return the environment that a user has after `. install/setup.sh`."""
     if not EXECUTABLE.exists():
         pytest.fail("the node is not installed: run `colcon build` first", pytrace=False)
+    installed = next((ROOT / "install/momrec_ros/lib").glob("python*/site-packages"))
+    for path in (path for name in PACKAGES for path in (ROOT / name).glob("*.py")):
+        if not filecmp.cmp(path, installed / path.relative_to(ROOT)):
+            message = f"the node is installed from another {path.name}: run `colcon build` first"
+            pytest.fail(message, pytrace=False)
     listing = subprocess.run(
         ["sh", "-c", '. "$0" && env -0', ROOT / "install/setup.sh"],
         check=True,
@@ -122,6 +128,7 @@ class Program:
         return code
 
     def kill(self):
+        self._is_to_end = True
         self.process.kill()
         self.process.wait()
         self._reader.join()
@@ -155,6 +162,22 @@ class Publisher(Program):
         assert answer == b"done\n", (answer, self.lines)
 
 
+def nanoseconds(stamp):
+    return stamp.sec * NANOSECONDS + stamp.nanosec
+
+
+class Inbox:
+    """Messages that came, and when each was sent (nanoseconds)."""
+
+    def __init__(self):
+        self.messages = []
+        self.sent = []
+
+    def take(self, message, info):
+        self.messages.append(message)
+        self.sent.append(info["source_timestamp"])
+
+
 class Graph:
     """A domain with a listener in this process; starts the other processes and ends them."""
 
@@ -167,7 +190,9 @@ class Graph:
         self._clients = {}
         rclpy.init(context=self._context, domain_id=domain)
         self._stack.callback(rclpy.try_shutdown, context=self._context)
-        self.node = rclpy.create_node("listener", context=self._context)
+        self.node = rclpy.create_node(
+            "listener", context=self._context, enable_rosout=False, start_parameter_services=False
+        )
         self._stack.callback(self.node.destroy_node)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._stack.callback(self._executor.shutdown)
@@ -190,7 +215,7 @@ class Graph:
         given = itertools.chain.from_iterable(
             ("-p", f"{name}:={_yaml(value)}") for name, value in parameters.items()
         )
-        return self._started(
+        return self.add(
             Program(
                 [EXECUTABLE, "--ros-args", *arguments, *given],
                 self.environment,
@@ -200,9 +225,10 @@ class Graph:
         )
 
     def start_publisher(self):
-        return self._started(Publisher(self.environment))
+        return self.add(Publisher(self.environment))
 
-    def _started(self, program):
+    def add(self, program):
+        """Watch a process, and kill it at the end."""
         self.programs.append(program)
         self._stack.callback(program.kill)
         return program
@@ -214,17 +240,34 @@ class Graph:
             has_died = any(program.has_died for program in self.programs)
             if has_died or time.monotonic() > end:
                 written = "\n".join(line for program in self.programs for line in program.lines)
-                pytest.fail(f"expected {what} in time, got none of it\n{written}")
+                expected = what() if callable(what) else what
+                pytest.fail(f"expected {expected} in time, got none of it\n{written}")
             self._executor.spin_once(timeout_sec=LOOK)
         return value
 
-    def listen(self, topic, kind, *, raw=False, is_late_served=True, depth=1000):
-        """Subscribe; return the list that the messages come to."""
-        durability = "TRANSIENT_LOCAL" if is_late_served else "VOLATILE"
-        qos = QoSProfile(depth=depth, durability=DurabilityPolicy[durability])
-        received = []
-        self.node.create_subscription(kind, topic, received.append, qos, raw=raw)
-        return received
+    def listen(self, name, kind, *, raw=False, durability="transient_local"):
+        """Subscribe to an output of the node; return where its messages come to."""
+        qos = QoSProfile(depth=1000, durability=DurabilityPolicy[durability.upper()])
+        inbox = Inbox()
+        topic = name if name.startswith("/") else f"{NODE}/{name}"
+        self.node.create_subscription(kind, topic, inbox.take, qos, raw=raw)
+        return inbox
+
+    def await_line(self, program, pattern):
+        """Take in messages until a process has written such lines; return them."""
+        return self.until(lambda: program.logged(pattern), f"a line like {pattern}")
+
+    def await_health(self, received, **expected):
+        """Take in messages until the newest diagnostics have the expected counts."""
+        words = {key: str(count) for key, count in expected.items()}
+        self.until(
+            lambda: received and words.items() <= received[-1].items(),
+            lambda: f"{words} in {received[-1:]}",
+        )
+
+    def await_remark(self, received, remark):
+        """Take in messages until the newest diagnostics say something."""
+        self.until(lambda: received and remark in received[-1]["message"], remark)
 
     def listen_health(self):
         """Return the list that the node's own diagnostics come to, values by their keys."""
@@ -233,9 +276,8 @@ class Graph:
         def take(message):
             (status,) = message.status
             values = {pair.key: pair.value for pair in status.values}
-            received.append(
-                values | {"level": status.level[0], "message": status.message, "message_": message}
-            )
+            stamp = nanoseconds(message.header.stamp)
+            received.append(values | {"message": status.message, "stamp": str(stamp)})
 
         self.node.create_subscription(DiagnosticArray, "/diagnostics", take, 100)
         return received
@@ -277,7 +319,7 @@ class Graph:
         return self.call("reset", Trigger, Trigger.Request())
 
     def set(self, **values):
-        """Set parameters, each by itself; return the reasons of refusals, '' for none."""
+        """Set parameters, each by itself; return the reasons of refusals, empty for none."""
         request = SetParameters.Request(
             parameters=[
                 Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
@@ -302,6 +344,7 @@ def open_graph(folder):
             graph.close()
 
 
+@cache
 def box_views(count, size=(1.0, 2.0, 3.0), seed=1):
     """Return views of a box."""
     return simulate_views(trimesh.creation.box(size), count, np.random.default_rng(seed))
@@ -309,8 +352,5 @@ def box_views(count, size=(1.0, 2.0, 3.0), seed=1):
 
 def view_message(view, object_id="box", stamp=None, frame_id="map"):
     """Return a serialised view, by default with a stamp of its own."""
-    stamp = next(_next_stamp) if stamp is None else stamp
+    stamp = next(stamps) if stamp is None else stamp
     return encode_view(StampedView(object_id, stamp, frame_id, view))
-
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM)

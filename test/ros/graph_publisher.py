@@ -1,8 +1,8 @@
 """A publisher in a process of its own: serialised messages from stdin go into the graph.
 
 Each line of stdin is a JSON object (topic, type, reliability, listeners, size), followed by `size`
-bytes. The message is published once that many listeners are matched; then one line is answered.
-A size of -1 publishes nothing.
+bytes. The message is published once exactly so many listeners are matched (null: at once); then
+one line is answered. A size of -1 publishes nothing.
 """
 
 import json
@@ -31,7 +31,7 @@ def main():
         if key not in publishers:
             qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy[key[2].upper()])
             publishers[key] = node.create_publisher(message_type(key[1]), key[0], qos)
-        while publishers[key].get_subscription_count() < command["listeners"]:
+        while command["listeners"] not in (None, publishers[key].get_subscription_count()):
             rclpy.spin_once(node, timeout_sec=0.02)
         if command["size"] >= 0:
             publishers[key].publish(source.read(command["size"]))

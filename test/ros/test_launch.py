@@ -36,7 +36,7 @@ DISPLAYED_TYPES = {
     "rviz_default_plugins/MarkerArray": "visualization_msgs/msg/MarkerArray",
     "rviz_default_plugins/Pose": "geometry_msgs/msg/PoseStamped",
 }
-PACKAGES_OF_ROS = ("launch", "launch_ros", "lifecycle_msgs")
+IMPORTS = {"launch", "launch_ros", "lifecycle_msgs", "pathlib"}
 
 
 def tree(name):
@@ -88,7 +88,7 @@ def test_a_launch_file_compiles_and_offers_a_description(name):
         for node in ast.walk(tree(name))
         if isinstance(node, ast.ImportFrom)
     }
-    assert imported <= set(PACKAGES_OF_ROS)
+    assert imported <= IMPORTS
 
 
 def test_every_argument_has_a_default_and_a_description():

@@ -9,7 +9,7 @@ VIEWS = box_views(10)
 
 
 def has_views(results, count):
-    return results and dict(pairs(results[-1]))["views"] == str(count)
+    return results.messages and dict(pairs(results.messages[-1]))["views"] == str(count)
 
 
 def pairs(recognition):
@@ -18,11 +18,11 @@ def pairs(recognition):
 
 def test_the_node_goes_twice_through_all_states_and_gathers_views_in_between(graph):
     graph.start(autostart=False, slices=8)
-    results = graph.listen("/recognizer/recognition", DiagnosticArray)
+    results = graph.listen("recognition", DiagnosticArray)
     publisher = graph.start_publisher()
     assert graph.state() == "unconfigured"
     for _ in range(2):
-        results.clear()
+        results.messages.clear()
         assert graph.change("configure")
         assert graph.state() == "inactive"
         for first, last in ((0, 3), (3, 6)):  # deactivated in between, the object stays as it was
@@ -32,6 +32,7 @@ def test_the_node_goes_twice_through_all_states_and_gathers_views_in_between(gra
                 publisher.publish(view_message(view))
             graph.until(partial(has_views, results, last), f"a result of {last} views")
             assert graph.change("deactivate")
+            publisher.publish(view_message(VIEWS[9]), listeners=0)
             assert graph.state() == "inactive"
         assert graph.change("cleanup")
         assert graph.state() == "unconfigured"
