@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from momrec_core.trust import Curve, Reliability
 from momrec_ros.experiment import Study, Trial
 from momrec_ros.neighbours import Neighbour
 
-__all__ = ["Bound", "paper_bounds"]
+__all__ = ["Bound", "near_tie_bound", "paper_bounds", "trust_bounds"]
 
 STEADY_STEP = 4  # from which on the third-order rates should be high
 MOST_FEATURES = 8  # with alternatives
+LEAST_AREA = 0.97  # under the curve of strangers rejected over known objects rejected
+LARGEST_ERROR = 0.05  # of calibration
 CONFUSIONS = 3  # that are told
 WELL_APART = 2.0  # times their stray: classes that far apart are rarely confused
 
@@ -74,6 +77,71 @@ def paper_bounds(study: Study, neighbours: Sequence[Neighbour]) -> list[Bound]:
             f"{_best(free)}",
             free.max(),
             99.9,
+        ),
+    ]
+
+
+def near_tie_bound(study: Study) -> Bound:
+    """Compare a study of objects with near ties with what it should show.
+
+    Parameters
+    ----------
+    study : Study
+        With trials of order 3.
+
+    Returns
+    -------
+    bound : Bound
+        Of recognition in all admissible frames; its reason tells what A.1 to A.3 alone give.
+    """
+    ruled = 100 * study.ruled[3].spread().test_mean
+    free = 100 * study.free[3].spread().test_mean
+    bound = _rate(
+        f"objects with near ties, third order, test set, mean of {len(study.free[3].splits)} "
+        f"splits, with alternatives, {_best(free)}",
+        free.max(),
+        98.0,
+    )
+    step = int(np.argmax(free))
+    why = (
+        f"By A.1 to A.3 alone: {ruled[step]:.2f} % at that step, {ruled.max():.2f} % at the best "
+        f"({int(np.argmax(ruled)) + 1})."
+    )
+    return replace(bound, why=why)
+
+
+def trust_bounds(curve: Curve, known: Reliability) -> list[Bound]:
+    """Compare rejection of strangers and calibration with what they should be.
+
+    Parameters
+    ----------
+    curve : Curve
+        Of classes left out in turn.
+    known : Reliability
+        Of instances held back.
+
+    Returns
+    -------
+    bounds : list of Bound
+    """
+    filled = known.counts > 0
+    score = float(np.average(known.scores[filled], weights=known.counts[filled]))
+    rate = float(np.average(known.rates[filled], weights=known.counts[filled]))
+    why = f"Labels are right in {100 * rate:.1f} % of the cases, and the mean score is {score:.3f}."
+    held = known.error < LARGEST_ERROR
+    return [
+        Bound(
+            "strangers against known objects, each class left out in turn, area under the curve",
+            f"{LEAST_AREA:g}",
+            f"{curve.area:.4f}",
+            curve.area >= LEAST_AREA,
+        ),
+        Bound(
+            "expected calibration error of the score, instances held back",
+            f"under {LARGEST_ERROR:g}",
+            f"{known.error:.3f}",
+            held,
+            "" if held else why,
         ),
     ]
 

@@ -22,7 +22,7 @@ from momrec_ros.bag_writer import BagWriter
 from momrec_ros.cameras_json import MaskedView, MaskedViews, read_cameras_json
 from momrec_ros.demo_folder import replaced_folder
 from momrec_ros.experiment import Plan
-from momrec_ros.experiment_folder import write_experiment
+from momrec_ros.experiment_folder import Objects, write_experiment
 from momrec_ros.experiment_tables import bounds_table, table_1
 from momrec_ros.figures import draw_coverage, draw_object, draw_overview
 from momrec_ros.files import (
@@ -370,12 +370,13 @@ def _tell_coverage(used: Sequence[MaskedView], result: ObjectResult, terminal: T
     )
 
 
-def run_experiment(output: Path, plan: Plan) -> int:
+def run_experiment(meshes: Sequence[Path], output: Path, plan: Plan) -> int:
     """Repeat the paper's experiment; see `momrec experiment --help`."""
     expect_new(output)
     terminal = Terminal()
+    objects = Objects.given(meshes) if meshes else Objects.shipped()
     with new_folder(output) as folder:
-        study, bounds = write_experiment(folder, plan, terminal)
+        study, bounds = write_experiment(folder, objects, plan, terminal)
     terminal.table(table_1(study.ruled, study.free))
     terminal.table(bounds_table(bounds))
     terminal.wrote(*sorted(output.iterdir()))

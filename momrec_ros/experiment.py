@@ -10,6 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from momrec_core.canonical import CanonicalShape
+from momrec_core.model import RecognitionModel
 from momrec_core.stepwise import (
     Instances,
     Split,
@@ -18,12 +19,14 @@ from momrec_core.stepwise import (
     paper_names,
     random_split,
 )
+from momrec_core.trust import Verdicts, judge
 from momrec_ros.terminal import Terminal
 from momrec_ros.training import reconstructed_instances
 
-__all__ = ["INSTANCES", "ORDERS", "TRAINING", "Plan", "Spread", "Study", "Trial", "study"]
+__all__ = ["ORDERS", "Plan", "Spread", "Study", "Trial", "Trust", "study", "trust"]
 
 ORDERS = (2, 3, 4, 5)
+TRUST_SPLITS = 10  # of the splits, for what takes a model without each class
 INSTANCES, TRAINING = 11, 7  # of each class: all, and those that are learned from
 SPLITS = 2**32  # in the seed of a split's random numbers: none of the instances' has it
 
@@ -132,7 +135,7 @@ class Study:
     Attributes
     ----------
     models : dict
-        Label to mesh, as modelled.
+        Label to mesh, as modelled; the first one where a class has several.
     shapes : tuple of CanonicalShape
         All instances, reconstructed; class by class.
     instances : Instances
@@ -155,7 +158,7 @@ class Study:
 
 
 def study(
-    models: Mapping[str, trimesh.Trimesh],
+    classes: Mapping[str, Sequence[trimesh.Trimesh]],
     plan: Plan,
     terminal: Terminal,
     *,
@@ -165,8 +168,8 @@ def study(
 
     Parameters
     ----------
-    models : mapping
-        Label to mesh.
+    classes : mapping
+        Label to meshes; the instances of a class take turns with its meshes.
     plan : Plan
         How.
     terminal : Terminal
@@ -179,14 +182,14 @@ def study(
     study : Study
     """
     rebuilt = reconstructed_instances(
-        {label: [mesh] for label, mesh in models.items()},
+        classes,
         instances=INSTANCES,
         views=plan.views,
         slices=plan.slices,
         seed=plan.seed,
         workers=plan.workers,
     )
-    pairs = list(terminal.progress(rebuilt, "reconstructing", len(models) * INSTANCES))
+    pairs = list(terminal.progress(rebuilt, "reconstructing", len(classes) * INSTANCES))
     shapes = tuple(shape for _, shape in pairs)
     instances = Instances.of_shapes([label for label, _ in pairs], shapes)
     splits = tuple(
@@ -197,7 +200,8 @@ def study(
         {order: _trial(instances.up_to(order), order, splits, method, terminal) for order in orders}
         for method in (paper_names, model_names)
     )
-    return Study(dict(models), shapes, instances, ruled, free)
+    models = {label: meshes[0] for label, meshes in classes.items()}
+    return Study(models, shapes, instances, ruled, free)
 
 
 def _trial(
@@ -206,3 +210,52 @@ def _trial(
     shown = terminal.progress(splits, f"recognising, order {order}", len(splits))
     names = tuple(method(instances, split) for split in shown)
     return Trial(order, instances.labels, splits, names)
+
+
+@dataclass(frozen=True, eq=False)
+class Trust:
+    """What models say of instances held back.
+
+    Attributes
+    ----------
+    known : Verdicts
+        By models of all classes.
+    with_strangers : Verdicts
+        By models without one class, each class in turn; its instances are strangers to them.
+    """
+
+    known: Verdicts
+    with_strangers: Verdicts
+
+
+def trust(found: Study, terminal: Terminal) -> Trust:
+    """Ask models of instances held back, and of classes left out in turn.
+
+    Parameters
+    ----------
+    found : Study
+        Of three classes or more.
+    terminal : Terminal
+        Shows the progress.
+
+    Returns
+    -------
+    trust : Trust
+    """
+    splits = next(iter(found.ruled.values())).splits[:TRUST_SPLITS]
+    labels = np.unique(found.instances.labels).tolist()
+    known, with_strangers = [], []
+    for split in terminal.progress(splits, "leaving classes out", len(splits)):
+        known.append(_verdicts(found, split, None))
+        with_strangers += [_verdicts(found, split, label) for label in labels]
+    return Trust(Verdicts.joined(known), Verdicts.joined(with_strangers))
+
+
+def _verdicts(found: Study, split: Split, left_out: str | None) -> Verdicts:
+    """Fit a model to a split's training set, without a class, and judge all it has not seen."""
+    labels = found.instances.labels
+    of_class = np.flatnonzero(labels == left_out)
+    learned = np.setdiff1d(split.train, of_class).tolist()
+    asked = np.union1d(split.test, of_class).tolist()
+    model = RecognitionModel.fit([found.shapes[one] for one in learned], labels[learned].tolist())
+    return judge(model, [found.shapes[one] for one in asked], labels[asked].tolist())

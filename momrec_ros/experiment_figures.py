@@ -17,13 +17,7 @@ from shapely import MultiPolygon
 from momrec_core.errors import NoCommonLineError
 from momrec_core.hull import reconstruct
 from momrec_core.layers import region_of_section
-from momrec_core.slicing import (
-    PlaneFamily,
-    clip_sections,
-    common_line,
-    initial_sections,
-    viewing_region,
-)
+from momrec_core.slicing import Intersection, PlaneFamily, common_line, viewing_region
 from momrec_ros.drawing import (
     BLUE,
     FAINT,
@@ -48,8 +42,6 @@ from momrec_ros.drawing import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
-
-    from manifold3d import CrossSection
 
     from momrec_core.view import View
     from momrec_ros.rendering import Viewpoint
@@ -136,17 +128,12 @@ def _planes(views: Sequence[View]) -> PlaneFamily:
 
 def _stages(views: Sequence[View], family: PlaneFamily) -> list[_Stage]:
     """Return the reconstruction after two views, after three, and so on."""
-    sections = initial_sections(views[0], views[1], family, family.offsets)
-    stages = [_stage(views[:2], sections, family)]
-    for count in range(3, len(views) + 1):
-        sections = clip_sections(sections, views[count - 1], family, family.offsets)
-        stages.append(_stage(views[:count], sections, family))
+    stages = []
+    for count in range(2, len(views) + 1):
+        sections = Intersection(views[:count], (0, 1), family).cut(family.offsets)
+        regions = [region_of_section(section, family.unit) for section in sections]
+        stages.append(_Stage(tuple(views[:count]), tuple(regions)))
     return stages
-
-
-def _stage(views: Sequence[View], sections: list[CrossSection], family: PlaneFamily) -> _Stage:
-    regions = [region_of_section(section, family.unit) for section in sections]
-    return _Stage(tuple(views), tuple(regions))
 
 
 def _viewpoint_of_stage(

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import trimesh
 
 from momrec_core.camera import Camera
 from momrec_core.canonical import normalize
+from momrec_core.errors import MomrecError
 from momrec_core.silhouette import silhouette_of_mesh
 from momrec_core.simulation import look_at
 from momrec_core.stepwise import Instances
+from momrec_core.trust import rejection_curve, reliability
 from momrec_core.view import View
-from momrec_ros.bounds import Bound, paper_bounds
-from momrec_ros.experiment import Plan, Study, study
+from momrec_ros.bounds import Bound, near_tie_bound, paper_bounds, trust_bounds
+from momrec_ros.experiment import Plan, Study, study, trust
 from momrec_ros.experiment_figures import (
     draw_canonical_meshes,
     draw_objects,
@@ -30,15 +35,19 @@ from momrec_ros.experiment_report import (
     table_1_section,
 )
 from momrec_ros.experiment_tables import write_first_split, write_spread
+from momrec_ros.near_ties import near_ties
 from momrec_ros.neighbours import nearest_neighbours
-from momrec_ros.rate_figures import draw_ellipsoids, draw_rates
+from momrec_ros.paper_table import PAPER_TABLE
+from momrec_ros.rate_figures import draw_ellipsoids, draw_rates, draw_trust
 from momrec_ros.shared_data import shared_path
 from momrec_ros.terminal import Terminal
 from momrec_ros.training import find_classes
 
-__all__ = ["write_experiment"]
+__all__ = ["Objects", "write_experiment"]
 
 OBJECTS = "meshes/ten_objects"
+LEAST_CLASSES = 3  # one can be left out, and two remain to be told apart
+NEAR_TIE_ORDERS = (3, 5)
 REFINED = "unequal_table"  # the object of figures 5 and 6: many pieces in its slices
 # Viewing directions of figures 5 and 6: two level ones, for upright slices, then from all sides.
 DIRECTIONS = (
@@ -80,16 +89,75 @@ CAPTIONS = {
             "from its silhouettes, brought into its canonical frame; seen as in figure 10."
         ),
     ),
+    "near_ties": (
+        "Near ties: ten objects whose frames are ambiguous",
+        (
+            "Mirror-like, nearly cubic or alike after a quarter turn, or with axes that miss the "
+            "surface: A.1 to A.3 decide on noise."
+        ),
+    ),
+    "trust": (
+        "Unknown objects, and what the score means",
+        (
+            "Left: models without one class, each class left out in turn, are asked of its "
+            "instances and of held-back ones of the others; a curve through the upper left corner "
+            "rejects all strangers and nothing else. Right: labels gathered by score; on the "
+            "dotted line the score is the share of labels that are right. Large marks stand for "
+            "many labels."
+        ),
+    ),
 }
 
 
-def write_experiment(folder: Path, plan: Plan, terminal: Terminal) -> tuple[Study, list[Bound]]:
+@dataclass(frozen=True)
+class Objects:
+    """What the experiment is done with.
+
+    Attributes
+    ----------
+    classes : dict
+        Label to meshes; at least three classes.
+    ambiguous : dict
+        The same for objects with near ties; none for an experiment without them.
+    """
+
+    classes: dict[str, list[trimesh.Trimesh]]
+    ambiguous: dict[str, list[trimesh.Trimesh]]
+
+    @classmethod
+    def shipped(cls) -> Self:
+        """Return the ten objects of the shipped bag, and ten with near ties."""
+        ambiguous = {label: [mesh] for label, mesh in near_ties().items()}
+        return cls(find_classes([shared_path(OBJECTS)]), ambiguous)
+
+    @classmethod
+    def given(cls, paths: Sequence[Path]) -> Self:
+        """Return the classes of meshes.
+
+        Raises
+        ------
+        MomrecError
+            If there are less than three, or a file is no mesh.
+        """
+        classes = find_classes(paths)
+        if len(classes) < LEAST_CLASSES:
+            raise MomrecError(
+                f"Expected at least {LEAST_CLASSES} classes, got {', '.join(classes)}"
+            )
+        return cls(classes, {})
+
+
+def write_experiment(
+    folder: Path, objects: Objects, plan: Plan, terminal: Terminal
+) -> tuple[Study, list[Bound]]:
     """Do the experiment and write all that comes of it.
 
     Parameters
     ----------
     folder : Path
         Exists.
+    objects : Objects
+        With what.
     plan : Plan
         How the experiment is done.
     terminal : Terminal
@@ -105,14 +173,19 @@ def write_experiment(folder: Path, plan: Plan, terminal: Terminal) -> tuple[Stud
     OSError
         If a file cannot be written.
     """
-    classes = find_classes([shared_path(OBJECTS)])
-    found = study({label: meshes[0] for label, meshes in classes.items()}, plan, terminal)
+    found = study(objects.classes, plan, terminal)
     write_first_split(found.ruled, folder / "table1.csv")
     write_spread(found.ruled, folder / "table1_splits.csv")
     write_first_split(found.free, folder / "table1_alternatives.csv")
     write_spread(found.free, folder / "table1_splits_alternatives.csv")
     sections, bounds = _recognition_sections(found, folder)
     sections += _figure_sections(found, folder, terminal)
+    for more_sections, more_bounds in (
+        _near_tie_sections(objects, plan, folder, terminal),
+        _trust_sections(found, folder, terminal),
+    ):
+        sections += more_sections
+        bounds += more_bounds
     page = html_page(TITLE, plan, [bounds_section(bounds), *sections])
     (folder / "report.html").write_text(page, encoding="utf-8")
     return found, bounds
@@ -125,7 +198,7 @@ def _recognition_sections(found: Study, folder: Path) -> tuple[list[str], list[B
     models = Instances.of_shapes(list(found.models), modelled, 2)
     neighbours = nearest_neighbours(second, models)
     rates, ellipsoids = folder / "rates.png", folder / "ellipsoids.png"
-    draw_rates(found.ruled, found.free, rates)
+    draw_rates(found.ruled, found.free, PAPER_TABLE, rates)
     draw_ellipsoids(second, models, ellipsoids)
     sections = [
         table_1_section(found.ruled),
@@ -153,7 +226,7 @@ def _recognition_sections(found: Study, folder: Path) -> tuple[list[str], list[B
 
 def _figure_sections(found: Study, folder: Path, terminal: Terminal) -> list[str]:
     """Draw the paper's figures and return the report's sections with them."""
-    refined = found.models[REFINED]
+    refined = found.models.get(REFINED, next(iter(found.models.values())))
     views = [_level_view(refined, direction) for direction in DIRECTIONS]
     canonical = {label: normalize(mesh).mesh for label, mesh in found.models.items()}
     first = {label: shape.mesh for label, shape in sorted(found.first_instances().items())}
@@ -170,6 +243,49 @@ def _figure_sections(found: Study, folder: Path, terminal: Terminal) -> list[str
         drawings[name](path)
         sections.append(picture_section(*CAPTIONS[name], path))
     return sections
+
+
+def _near_tie_sections(
+    objects: Objects, plan: Plan, folder: Path, terminal: Terminal
+) -> tuple[list[str], list[Bound]]:
+    """Do the experiment with objects whose frames are ambiguous, if there are any."""
+    if not objects.ambiguous:
+        return [], []
+    found = study(objects.ambiguous, plan, terminal, orders=NEAR_TIE_ORDERS)
+    gallery, rates = folder / "near_ties.png", folder / "near_ties_rates.png"
+    write_spread(found.ruled, folder / "near_ties_splits.csv")
+    write_spread(found.free, folder / "near_ties_splits_alternatives.csv")
+    draw_objects(found.models, gallery)
+    draw_rates(found.ruled, found.free, {}, rates)
+    sections = [
+        picture_section(*CAPTIONS["near_ties"], gallery),
+        spread_section(
+            "Near ties: mean and spread over random splits",
+            "The same as above. Alternatives are the further frames that fit as well within the "
+            "tolerances: axes whose eigenvalues are nearly equal are exchanged, axes that the "
+            "surface ends equally far on both sides of, or that miss it, are turned around.",
+            found.ruled,
+            found.free,
+            rates,
+        ),
+    ]
+    return sections, [near_tie_bound(found)]
+
+
+def _trust_sections(
+    found: Study, folder: Path, terminal: Terminal
+) -> tuple[list[str], list[Bound]]:
+    """Leave classes out and ask how sure models are."""
+    verdicts = trust(found, terminal)
+    curve = rejection_curve(verdicts.with_strangers)
+    parts = {
+        "known objects": reliability(verdicts.known),
+        "with strangers": reliability(verdicts.with_strangers),
+    }
+    picture = folder / "trust.png"
+    draw_trust(curve, parts, picture)
+    section = picture_section(*CAPTIONS["trust"], picture)
+    return [section], trust_bounds(curve, parts["known objects"])
 
 
 def _level_view(mesh: trimesh.Trimesh, direction: tuple[float, float, float]) -> View:

@@ -18,16 +18,17 @@ from momrec_ros.drawing import (
     blank_figure,
     save_figure,
 )
-from momrec_ros.paper_table import PAPER_TABLE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from momrec_core.stepwise import Instances
+    from momrec_core.trust import Curve, Reliability
     from momrec_ros.experiment import Trial
+    from momrec_ros.paper_table import PaperRow
 
-__all__ = ["draw_ellipsoids", "draw_rates"]
+__all__ = ["draw_ellipsoids", "draw_rates", "draw_trust"]
 
 ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}
 LOWEST_RATE = 50.0  # percent, at the bottom of the plots
@@ -35,13 +36,20 @@ MARKERS = "osD^vP*Xph<>d"  # of classes
 CLASS_COLORS = (BLUE, VERMILION, "#009E73", "#CC79A7", INK)
 
 
-def draw_rates(ruled: Mapping[int, Trial], free: Mapping[int, Trial], path: str | Path) -> None:
+def draw_rates(
+    ruled: Mapping[int, Trial],
+    free: Mapping[int, Trial],
+    published: Mapping[int, Sequence[PaperRow]],
+    path: str | Path,
+) -> None:
     """Draw test rates over the steps of the selection, a panel for each order.
 
     Parameters
     ----------
     ruled, free : mapping
         Order to trial, by A.1 to A.3 only and in all admissible frames.
+    published : mapping
+        Order to the paper's rates, where they are to be compared.
     path : path
         The PNG to write.
 
@@ -50,22 +58,13 @@ def draw_rates(ruled: Mapping[int, Trial], free: Mapping[int, Trial], path: str 
     OSError
         If the file cannot be written.
     """
-    figure = blank_figure(3.6 * len(ruled), 4.4)
+    figure = blank_figure(max(3.6 * len(ruled), 9.0), 4.4)
     panels = figure.subplots(1, len(ruled), sharey=True, squeeze=False)[0]
     figure.subplots_adjust(left=0.06, right=0.985, top=0.90, bottom=0.25, wspace=0.08)
     for axes, (order, trial) in zip(panels, ruled.items(), strict=True):
         _plot_trial(axes, trial, BLUE, "mean of the splits, by A.1 to A.3, and its spread")
         _plot_alternatives(axes, free[order])
-        paper = [row.test for row in PAPER_TABLE[order]]
-        axes.plot(
-            _steps(len(paper)),
-            paper,
-            "x",
-            color=VERMILION,
-            ms=7,
-            mew=1.8,
-            label="the paper, one split",
-        )
+        _plot_published(axes, published.get(order, ()))
         axes.set_title(f"up to {ORDINALS[order]} order", fontsize=12, color=INK)
         axes.set(xlim=(0.5, 10.5), ylim=(LOWEST_RATE, 101.5), xticks=range(1, 11))
         axes.set_xlabel("step: number of moments", color=INK)
@@ -96,8 +95,65 @@ def _plot_alternatives(axes: Axes, trial: Trial) -> None:
     )
 
 
+def _plot_published(axes: Axes, rows: Sequence[PaperRow]) -> None:
+    rates = [row.test for row in rows]
+    if rates:
+        axes.plot(
+            _steps(len(rates)),
+            rates,
+            "x",
+            color=VERMILION,
+            ms=7,
+            mew=1.8,
+            label="the paper, one split",
+        )
+
+
 def _steps(count: int) -> NDArray[np.int64]:
     return np.arange(1, count + 1)
+
+
+def draw_trust(curve: Curve, parts: Mapping[str, Reliability], path: str | Path) -> None:
+    """Draw how strangers are rejected, and how often labels of about the same score are right.
+
+    Parameters
+    ----------
+    curve : Curve
+        Of strangers among known objects.
+    parts : mapping
+        What was asked to the reliability of the scores; two at the most.
+    path : path
+        The PNG to write.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    figure = blank_figure(11.0, 5.2)
+    left, right = cast("NDArray[np.object_]", figure.subplots(1, 2))
+    figure.subplots_adjust(left=0.07, right=0.97, top=0.90, bottom=0.13, wspace=0.24)
+    for axes in (left, right):
+        axes.plot([0, 1], [0, 1], ":", color=FAINT, lw=1.2)
+        axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal")
+        _plain(axes)
+    left.plot(curve.known_rejected, curve.strangers_rejected, color=BLUE, lw=2.0)
+    left.set_title(f"strangers rejected, area {curve.area:.3f}", fontsize=12, color=INK)
+    left.set_xlabel("known objects rejected, share", color=INK)
+    left.set_ylabel("strangers rejected, share", color=INK)
+    for (name, part), color, marker in zip(parts.items(), (BLUE, ORANGE), "os", strict=False):
+        filled = part.counts > 0
+        sizes = 20 + 200 * part.counts[filled] / part.counts.sum()
+        label = f"{name}, calibration error {part.error:.3f}"
+        right.plot(part.scores[filled], part.rates[filled], color=color, lw=1.0, alpha=0.6)
+        right.scatter(
+            part.scores[filled], part.rates[filled], sizes, color, marker, label=label, alpha=0.8
+        )
+    right.set_title("reliability of the score", fontsize=12, color=INK)
+    right.set_xlabel("mean score", color=INK)
+    right.set_ylabel("labels that are right, share", color=INK)
+    right.legend(loc="upper left", frameon=False, fontsize=9, labelcolor=INK)
+    save_figure(figure, path)
 
 
 def draw_ellipsoids(instances: Instances, models: Instances, path: str | Path) -> None:
