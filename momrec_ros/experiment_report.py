@@ -39,7 +39,7 @@ table { border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabu
 th, td { padding: .22rem .7rem; text-align: right; white-space: nowrap;
   border-bottom: 1px solid #e4e7eb; }
 th { color: #52606d; font-weight: 600; vertical-align: bottom; }
-td.text, th.text { text-align: left; white-space: normal; }
+td.text, th.text { text-align: left; white-space: normal; min-width: 16ch; }
 td.edge, th.edge { border-left: 2px solid #cbd2d9; }
 caption { text-align: left; font-weight: 600; padding: .4rem 0; }
 .held { color: #006b4e; font-weight: 600; white-space: nowrap; }

@@ -58,9 +58,10 @@ def draw_rates(
     OSError
         If the file cannot be written.
     """
-    figure = blank_figure(max(3.6 * len(ruled), 9.0), 4.4)
+    width = max(3.6 * len(ruled), 9.0)
+    figure = blank_figure(width, 4.4)
     panels = figure.subplots(1, len(ruled), sharey=True, squeeze=False)[0]
-    figure.subplots_adjust(left=0.06, right=0.985, top=0.90, bottom=0.25, wspace=0.08)
+    figure.subplots_adjust(left=0.8 / width, right=0.985, top=0.90, bottom=0.25, wspace=0.08)
     for axes, (order, trial) in zip(panels, ruled.items(), strict=True):
         _plot_trial(axes, trial, BLUE, "mean of the splits, by A.1 to A.3, and its spread")
         _plot_alternatives(axes, free[order])
@@ -147,12 +148,18 @@ def draw_trust(curve: Curve, parts: Mapping[str, Reliability], path: str | Path)
         label = f"{name}, calibration error {part.error:.3f}"
         right.plot(part.scores[filled], part.rates[filled], color=color, lw=1.0, alpha=0.6)
         right.scatter(
-            part.scores[filled], part.rates[filled], sizes, color, marker, label=label, alpha=0.8
+            part.scores[filled],
+            part.rates[filled],
+            s=sizes,
+            c=color,
+            marker=marker,
+            label=label,
+            alpha=0.8,
         )
     right.set_title("reliability of the score", fontsize=12, color=INK)
     right.set_xlabel("mean score", color=INK)
     right.set_ylabel("labels that are right, share", color=INK)
-    right.legend(loc="upper left", frameon=False, fontsize=9, labelcolor=INK)
+    right.legend(loc="lower right", frameon=False, fontsize=9, labelcolor=INK)
     save_figure(figure, path)
 
 
