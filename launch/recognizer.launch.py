@@ -5,13 +5,12 @@ ros2 launch momrec_ros recognizer.launch.py model:=/path/to/model.json contours:
 
 from pathlib import Path
 
+from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
-
-from launch import LaunchContext, LaunchDescription
 
 PACKAGE = "momrec_ros"
 INPUTS = ("contours", "contour", "camera_pose")

@@ -6,6 +6,7 @@ The bag starts when the node is active, so that no view comes too early. The oth
 recognizer.launch.py, such as params_file and contours, can be given as well.
 """
 
+from launch import Action, LaunchContext, LaunchDescription
 from launch.actions import (
     DeclareLaunchArgument,
     EmitEvent,
@@ -23,8 +24,6 @@ from launch_ros.events.lifecycle import ChangeState
 from launch_ros.events.matchers import matches_node_name
 from launch_ros.substitutions import FindPackageShare
 from lifecycle_msgs.msg import Transition
-
-from launch import Action, LaunchContext, LaunchDescription
 
 PACKAGE = "momrec_ros"
 NODE = "/recognizer"
@@ -54,7 +53,7 @@ def _arguments() -> list[DeclareLaunchArgument]:
         DeclareLaunchArgument(
             "rate", default_value="1.0", description="How many times as fast as recorded to play."
         ),
-        _switch("loop", "false", "Whether to play the bag again and again."),
+        _switch("loop", "false", "Whether to play the bag again; equal views count once."),
         _switch("use_sim_time", "false", "Whether time is the bag's, published on /clock."),
         _switch("rviz", "true", "Whether to start RViz; all ends when it is closed."),
         DeclareLaunchArgument(
@@ -109,7 +108,8 @@ def _player(context: LaunchContext) -> list[ExecuteProcess]:
         name: LaunchConfiguration(name).perform(context)
         for name in ("bag", "rate", "loop", "use_sim_time")
     }
-    command = ["ros2", "bag", "play", values["bag"], "--rate", values["rate"]]
+    # The delay is for the node to find the player, so that it misses no view.
+    command = ["ros2", "bag", "play", values["bag"], "--rate", values["rate"], "--delay", "1.0"]
     if values["loop"] == "true":
         command.append("--loop")
     if values["use_sim_time"] == "true":

@@ -430,29 +430,54 @@ def _prism(view: View, family: PlaneFamily) -> ViewingVolume:
 
 
 def _cone(view: View, family: PlaneFamily) -> ViewingVolume:
+    """Cut a pinhole's cone; planes that meet all its rays see one another's cuts scaled."""
     camera = view.camera
     rays, position = _rays(camera, np.concatenate(view.rings), family)
     _, far = _depth_range(camera, family)
     counts = np.array([len(ring) for ring in view.rings])
+    foot = position[:2]
+    lowest, highest = rays[:, 2].min(), rays[:, 2].max()
+    deepest = far * (lowest if lowest > 0 else min(highest, 0.0))  # plane that meets all rays
+    whole = CrossSection()
+    if deepest:
+        outline = deepest * rays[:, :2] / rays[:, 2:]
+        whole = CrossSection(np.split(outline, np.cumsum(counts)[:-1]), EVEN_ODD)
 
     def volume(offsets: NDArray[np.float64]) -> Footprint:
         heights = offsets - position[2]
         heights = np.where(np.abs(heights) < CENTRE_DISTANCE, CENTRE_DISTANCE, heights)
-        margins = np.sign(heights)[:, None] * rays[:, 2] - (np.abs(heights) / far)[:, None]
-        planes, rings, cut = _cut_rings(rays, counts, margins)
-        points = position[:2] + (heights[planes] / cut[:, 2])[:, None] * cut[:, :2]
-        bounds = np.searchsorted(
-            planes * len(counts) + rings, np.arange(len(offsets) * len(counts) + 1)
-        )
+        is_whole = (heights * deepest > 0) & (np.abs(heights) <= abs(deepest))
+        rest = np.cumsum(~is_whole) - 1
+        parts = _partial_cuts(rays, counts, heights[~is_whole], far)
 
         def footprint(index: int) -> CrossSection:
-            ends = bounds[index * len(counts) : (index + 1) * len(counts) + 1]
-            pieces = [points[low:high] for low, high in pairwise(ends) if high - low > 2]
-            return CrossSection(pieces, EVEN_ODD)
+            if not is_whole[index]:
+                return parts(int(rest[index])).translate(foot)
+            scale = heights[index] / deepest
+            return whole.scale((scale, scale)).translate(foot)
 
         return footprint
 
     return volume
+
+
+def _partial_cuts(
+    rays: NDArray[np.float64], counts: NDArray[np.int64], heights: NDArray[np.float64], far: float
+) -> Footprint:
+    """Cut cones that the planes, at heights above their apex, do not meet in whole."""
+    margins = np.sign(heights)[:, None] * rays[:, 2] - (np.abs(heights) / far)[:, None]
+    planes, rings, cut = _cut_rings(rays, counts, margins)
+    points = (heights[planes] / cut[:, 2])[:, None] * cut[:, :2]
+    bounds = np.searchsorted(
+        planes * len(counts) + rings, np.arange(len(heights) * len(counts) + 1)
+    )
+
+    def footprint(index: int) -> CrossSection:
+        ends = bounds[index * len(counts) : (index + 1) * len(counts) + 1]
+        pieces = [points[low:high] for low, high in pairwise(ends) if high - low > 2]
+        return CrossSection(pieces, EVEN_ODD)
+
+    return footprint
 
 
 def _cut_rings(

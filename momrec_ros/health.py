@@ -9,6 +9,7 @@ from momrec_ros.session import Cause
 
 __all__ = ["health_status"]
 
+HARDWARE = "momrec"
 ENDS = (Cause.FORGOTTEN, Cause.EVICTED, Cause.TIMED_OUT)
 
 
@@ -49,7 +50,9 @@ def health_status(
         level, message = Level.WARN, f"{state}; views left out: {reasons}"
     else:
         level, message = Level.OK, state
-    return DiagnosticStatus(level, f"{name}: views", message, name, _values(activity, unreceived))
+    return DiagnosticStatus(
+        level, f"{name}: views", message, "momrec", _values(activity, unreceived)
+    )
 
 
 def _values(activity: Activity, unreceived: int) -> tuple[tuple[str, str], ...]:

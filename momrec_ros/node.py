@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import gc
 import signal
 import sys
 from collections.abc import Sequence
@@ -63,6 +63,8 @@ OPTIONAL_TYPES = {
     "tf": (TRANSFORMS_TYPE, "tf2_ros"),
     "detections": (DETECTIONS_TYPE, "vision_msgs"),
 }
+# Results kept for who comes late or lost one on the way: no more than the shortest usual queues.
+HISTORY = 5
 TF_QUEUE = 100  # as of every broadcaster of transforms
 DIAGNOSTICS_PERIOD = 1.0  # seconds
 PATIENCE = 0.3  # seconds that a computation gets to end before the process does
@@ -106,16 +108,15 @@ class RecognizerNode(LifecycleNode):
 
     def start(self) -> None:
         """Configure and activate, if the parameter `autostart` says so."""
-        if self._value(parameters.AUTOSTART) and (
-            self.trigger_configure() == TransitionCallbackReturn.SUCCESS
-        ):
+        if not self._value(parameters.AUTOSTART):
+            self.get_logger().info("unconfigured: waits to be configured and activated")
+        elif self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
             self.trigger_activate()
 
-    def close(self) -> bool:
-        """Stop publishing; return whether all computations have ended."""
-        if self._pipeline is None:
-            return True
-        return self._pipeline.stop(PATIENCE)
+    def close(self) -> None:
+        """Publish no more."""
+        if self._pipeline is not None:
+            self._pipeline.stop(PATIENCE)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Check the parameters, load the model, and start to listen for listeners."""
@@ -139,6 +140,8 @@ class RecognizerNode(LifecycleNode):
         self._running.activate()
         self._create_inputs()
         self._state = "active"
+        contours, contour, pose = (self._inputs[source].topic_name for source in Input)
+        self.get_logger().info(f"active: listens to {contours}, and to {contour} with {pose}")
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -215,22 +218,21 @@ class RecognizerNode(LifecycleNode):
             try:
                 types[name] = _message_type(type_name)
             except ImportError:
-                self.get_logger().info(f"{name} is off: {package} is not installed")
+                self.get_logger().info(f"{_topic(name)} is off: {package} is not installed")
             else:
-                self.get_logger().info(f"{name} is on")
-        max_objects = self._value(parameters.MAX_OBJECTS)
+                self.get_logger().info(f"{_topic(name)} is on")
         for name, kind in types.items():
-            if name == "tf":
-                self._outputs[name] = self.create_lifecycle_publisher(kind, "/tf", TF_QUEUE)
-                continue
-            qos = QoSProfile(
-                depth=1 if name in JOINT_OUTPUTS else max_objects,
-                reliability=ReliabilityPolicy.RELIABLE,
-                durability=DurabilityPolicy.TRANSIENT_LOCAL,
-            )
-            events = PublisherEventCallbacks(matched=partial(self._serve, name))
+            durability = DurabilityPolicy.TRANSIENT_LOCAL
+            depth = 1 if name in JOINT_OUTPUTS else HISTORY
+            if name == "tf":  # as all listeners to transforms expect
+                durability, depth = DurabilityPolicy.VOLATILE, TF_QUEUE
             self._outputs[name] = self.create_lifecycle_publisher(
-                kind, f"~/{name}", qos, event_callbacks=events
+                kind,
+                _topic(name),
+                QoSProfile(
+                    depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability
+                ),
+                event_callbacks=PublisherEventCallbacks(matched=partial(self._serve, name)),
             )
 
     def _create_inputs(self) -> None:
@@ -290,7 +292,7 @@ class RecognizerNode(LifecycleNode):
         if self._pipeline is None:
             response.message = f"nothing to forget: the node is {self._state}"
         else:
-            response.message = f"forgot {self._pipeline.reset()} objects"
+            response.message = f"objects forgotten: {self._pipeline.reset()}"
             self.get_logger().info(f"reset: {response.message}")
         return response
 
@@ -354,6 +356,10 @@ def _make_session(model: RecognitionModel | None, tally: Tally, **limits: int) -
     return Session(model, tally=tally, **limits)
 
 
+def _topic(output: str) -> str:
+    return "/tf" if output == "tf" else f"~/{output}"
+
+
 def _message_type(name: str) -> Any:
     package, _, kind = name.split("/")
     return getattr(import_module(f"{package}.msg"), kind)
@@ -389,6 +395,8 @@ def run() -> int:
     try:
         nodes.append(RecognizerNode())
         nodes[0].start()
+        gc.collect()
+        gc.freeze()  # what modules and model hold: not to be gone through time and again
         executor = SingleThreadedExecutor()
         executor.add_node(nodes[0])
         executor.spin()
@@ -398,8 +406,8 @@ def run() -> int:
         if not signals:  # without a context whatever was under way fails
             raise
     finally:
-        has_ended = all(node.close() for node in nodes)
+        for node in nodes:
+            node.close()
+            node.destroy_node()
         rclpy.try_shutdown()
-    if not has_ended:  # a computation that nobody waits for any more
-        os._exit(0)
     return 0

@@ -8,7 +8,7 @@ one message for all objects.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +37,7 @@ from momrec_ros.messages import pose_from_matrix, rings_in_camera
 
 if TYPE_CHECKING:  # bags without results need no scikit-learn
     from momrec_core.recognizer import ObjectResult
+    from momrec_core.view import View
     from momrec_ros.session import Result
 
 __all__ = [
@@ -68,6 +69,7 @@ CONTOUR_COLOR = (1.0, 0.6, 0.0, 0.6)
 AXIS_COLORS = ((1.0, 0.0, 0.0, 1.0), (0.0, 0.8, 0.0, 1.0), (0.0, 0.3, 1.0, 1.0))
 LINE_WIDTH = 0.01  # of the object's size, in displays
 TEXT_HEIGHT = 0.12  # likewise
+MOST_CONTOURS = 50  # views of an object whose contours are shown
 
 
 @dataclass(frozen=True)
@@ -309,7 +311,7 @@ def _remark(result: ObjectResult) -> str:
 
 
 def result_markers(result: ObjectResult, header: Header) -> list[Marker]:
-    """Return what people look at: axes, label with score, and the used contours.
+    """Return what people look at: mesh, axes, label with score, and the used contours.
 
     Parameters
     ----------
@@ -325,7 +327,9 @@ def result_markers(result: ObjectResult, header: Header) -> list[Marker]:
     """
     columns = np.ascontiguousarray(result.mesh.vertices.T)  # so many rows are slow to compare
     size = float(np.linalg.norm(np.ptp(columns, axis=1)))
+    mesh = _mesh_marker(result, header, pose_from_matrix(result.canonical.principal_frame))
     return [
+        replace(mesh, ns=f"{result.object_id}/mesh"),
         _axes_marker(result, header, size),
         _label_marker(result, header, size),
         *_contour_markers(result, header, size),
@@ -362,10 +366,16 @@ def _label_marker(result: ObjectResult, header: Header, size: float) -> Marker:
     )
 
 
+def _evenly(views: Sequence[View]) -> list[View]:
+    """Return all views, or evenly chosen ones where there are too many to look at."""
+    step = max(1, -(-len(views) // MOST_CONTOURS))
+    return list(views[::step])
+
+
 def _contour_markers(result: ObjectResult, header: Header, size: float) -> list[Marker]:
     rings = [
         (pose_from_matrix(view.camera.pose), ring)
-        for view in result.hull.views
+        for view in _evenly(result.hull.views)
         for ring in rings_in_camera(view)
     ]
     return [
@@ -375,7 +385,7 @@ def _contour_markers(result: ObjectResult, header: Header, size: float) -> list[
             id=number,
             type=MarkerType.LINE_STRIP,
             pose=pose,
-            scale=(0.5 * LINE_WIDTH * size, 0.0, 0.0),
+            scale=(LINE_WIDTH * size, 0.0, 0.0),
             color=CONTOUR_COLOR,
             points=ring,
         )

@@ -36,7 +36,10 @@ __all__ = ["JOINT_OUTPUTS", "Activity", "Input", "Log", "Pace", "Pipeline"]
 MAX_WAITING_BYTES = 1 << 29  # of messages that wait to be read: seconds of any rig's contours
 POLL = 0.1  # seconds between looks at what may be overdue
 QUIET = 5.0  # seconds between log lines of one kind, so that a bad camera does not fill the disk
-JOINT_OUTPUTS = ("detections", "markers")  # each message tells of all objects
+SERVING = 0.05  # seconds between results for who came late, whose queue may be short
+# Outputs whose messages tell of all objects, and seconds between two of them at least: markers
+# are many and for people.
+JOINT_OUTPUTS = {"detections": 0.0, "markers": 0.5}
 
 
 class Input(StrEnum):
@@ -198,10 +201,12 @@ class Pipeline:
         self._starts = 0
         self._live: dict[str, _Live] = {}
         self._unsent: list[Sequence[Output]] = []
-        self._owed: set[str] = set()
+        self._owed: dict[str, set[str]] = {}  # object to outputs, for who came late
+        self._serve_at = 0.0
         self._header: Header | None = None  # of the newest result
-        self._joint_published = -math.inf
-        self._is_joint_stale = False
+        self._stale: set[str] = set()  # of `JOINT_OUTPUTS`
+        self._joint_published: dict[str, float] = {}
+        self._joint_from = 0.0
         self._thread = threading.Thread(target=self._run, name="momrec pipeline", daemon=True)
         self._thread.start()
 
@@ -322,9 +327,11 @@ class Pipeline:
         if not self._is_active:
             return None
         times = [self._live[changed].published for changed in self._session.changed]
-        if self._is_joint_stale and self._header is not None:
-            times.append(self._joint_published)
-        until = [self._next_after(published) - time.monotonic() for published in times]
+        times = [self._next_after(published) for published in times]
+        times += [self._joint_at(name) for name in self._stale]
+        if self._owed:
+            times.append(self._serve_at)
+        until = [at - time.monotonic() for at in times]
         if self._decoder.waiting or (self._session.objects and self._pace.object_timeout):
             until.append(POLL)
         return max(0.0, min(until)) if until else None
@@ -340,6 +347,7 @@ class Pipeline:
             self._expire()
             self._publish_next()
             self._publish_joint()
+            self._serve_next()
 
     def _next_message(self) -> _Message | None:
         with self._news:
@@ -410,7 +418,8 @@ class Pipeline:
         ]
         live.result, live.markers = result, None
         self._header = Header(result.stamp, result.frame_id)
-        self._is_joint_stale = True
+        self._stale.update(JOINT_OUTPUTS)
+        self._owed.pop(result.result.object_id, None)
         self._send(live.outputs)
         delay = time.monotonic() - live.viewed
         self._activity.published += 1
@@ -420,11 +429,19 @@ class Pipeline:
     def _publish_joint(self) -> None:
         """Publish what tells of all objects, if something changed and it may be."""
         now = time.monotonic()
-        is_due = self._next_after(self._joint_published) <= now
-        if self._is_joint_stale and is_due and self._header is not None:
-            self._is_joint_stale = False
-            self._joint_published = now
-            self._send([self._joint(name) for name in JOINT_OUTPUTS if self._is_wanted(name)])
+        due = [
+            name for name in JOINT_OUTPUTS if name in self._stale and self._joint_at(name) <= now
+        ]
+        if self._header is not None:
+            self._send([self._joint(name) for name in due if self._is_wanted(name)])
+        for name in due:
+            self._stale.remove(name)
+            self._joint_published[name] = now
+
+    def _joint_at(self, name: str) -> float:
+        """Return when an output about all objects may be published next."""
+        least = self._joint_published.get(name, 0.0) + JOINT_OUTPUTS[name]
+        return max(least, self._next_after(self._joint_published.get(name, 0.0)), self._joint_from)
 
     def _joint(self, name: str) -> Output:
         if name == "markers":
@@ -445,9 +462,10 @@ class Pipeline:
     def _remove(self, ended: Ended) -> None:
         object_id = ended.object_id
         live = self._live.pop(object_id)
+        self._owed.pop(object_id, None)
         if live.result is not None:
             self._send([removed_message(object_id, live.result.stamp, live.result.frame_id)])
-            self._is_joint_stale = True
+            self._stale.update(JOINT_OUTPUTS)
         if ended.cause is Cause.EVICTED:
             self._log.warning(
                 f"object {object_id!r} is evicted: expected at most max_objects at a time, "
@@ -457,14 +475,26 @@ class Pipeline:
             self._log.info(f"object {object_id!r} is ended: no view for object_timeout")
 
     def _serve(self, name: str) -> None:
-        if not self._is_active:
-            self._owed.add(name)
-            return
+        """Owe a newcomer the last results, a little later: it may not be ready for them yet."""
+        now = time.monotonic()
         if name in JOINT_OUTPUTS:
-            self._is_joint_stale = True
+            self._stale.add(name)
+            self._joint_from = now + SERVING
             return
-        for live in self._live.values():
-            self._send([output for output in live.outputs if output.name == name])
+        if not self._owed:
+            self._serve_at = now + SERVING
+        for object_id in self._live:
+            self._owed.setdefault(object_id, set()).add(name)
+
+    def _serve_next(self) -> None:
+        """Publish the last result of one object again, where it is owed."""
+        now = time.monotonic()
+        if not self._owed or now < self._serve_at:
+            return
+        self._serve_at = now + SERVING
+        object_id = next(iter(self._owed))
+        names = self._owed.pop(object_id)
+        self._send([output for output in self._live[object_id].outputs if output.name in names])
 
     def _send(self, outputs: Sequence[Output]) -> None:
         """Publish, or keep for later what a session still standing may not publish now."""
@@ -483,9 +513,6 @@ class Pipeline:
         unsent, self._unsent = self._unsent, []
         for outputs in unsent:
             self._send(outputs)
-        owed, self._owed = self._owed, set()
-        for name in owed:
-            self._serve(name)
         self._session.touch(self._clock())
 
     def _start_anew(self) -> None:
@@ -496,7 +523,8 @@ class Pipeline:
         self._decoder = self._make_decoder()
         self._live = {}
         self._unsent = []
-        self._is_joint_stale = True
+        self._owed = {}
+        self._stale.update(JOINT_OUTPUTS)
         for result in gone:
             object_id = result.result.object_id
             self._send([removed_message(object_id, result.stamp, result.frame_id)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import sys
@@ -17,5 +16,6 @@ def main() -> None:
     from momrec_ros.node import run  # noqa: PLC0415
 
     code = run()
-    gc.freeze()  # else the interpreter's end takes a third of a second, looking at all modules
-    sys.exit(code)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # the interpreter would take long to tidy up modules, or wait for geometry

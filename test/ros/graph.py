@@ -12,6 +12,7 @@ import json
 import os
 import re
 import select
+import signal
 import subprocess
 import sys
 import tempfile
@@ -47,6 +48,7 @@ ROOT = Path(__file__).parents[2]
 EXECUTABLE = ROOT / "install/momrec_ros/lib/momrec_ros/recognizer"
 PACKAGES = ("momrec_core", "momrec_ros")
 LIMIT = 40.0  # seconds until an event that was awaited counts as missing, on a busy machine
+PATIENCE = 5.0  # seconds for a process to end by itself
 LOOK = 0.02  # seconds between looks at what no executor tells
 DOMAINS = (*range(1, 51), *range(61, 101))  # people take those between by hand
 NANOSECONDS = 1_000_000_000
@@ -127,11 +129,13 @@ class Program:
         self._reader.join()
         return code
 
-    def kill(self):
-        self._is_to_end = True
-        self.process.kill()
-        self.process.wait()
-        self._reader.join()
+    def close(self):
+        """End the process, by force where a signal does not: force leaves shared memory behind."""
+        self.process.send_signal(signal.SIGCONT)
+        if self.end(signal.SIGINT, PATIENCE) is None:
+            self.process.kill()
+            self.process.wait()
+            self._reader.join()
         for stream in (self.process.stdin, self.process.stdout, self.process.stderr):
             if stream is not None:
                 stream.close()
@@ -228,9 +232,9 @@ class Graph:
         return self.add(Publisher(self.environment))
 
     def add(self, program):
-        """Watch a process, and kill it at the end."""
+        """Watch a process, and end it at the end."""
         self.programs.append(program)
-        self._stack.callback(program.kill)
+        self._stack.callback(program.close)
         return program
 
     def until(self, condition, what, limit=LIMIT):
@@ -335,7 +339,7 @@ def _yaml(value):
 
 @contextmanager
 def open_graph(folder):
-    """Hold a graph; its processes are killed at the end."""
+    """Hold a graph; its processes are ended with it."""
     with leased_domain() as domain:
         graph = Graph(domain, folder)
         try:

@@ -1,8 +1,10 @@
 """A listener in a process of its own: answers one line when its first result has come."""
 
 import sys
+from contextlib import suppress
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from visualization_msgs.msg import Marker
 
@@ -19,4 +21,5 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        main()

@@ -7,9 +7,11 @@ one line is answered. A size of -1 publishes nothing.
 
 import json
 import sys
+from contextlib import suppress
 from importlib import import_module
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 DEPTH = 1000
@@ -40,4 +42,5 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        main()

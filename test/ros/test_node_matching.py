@@ -24,7 +24,7 @@ def test_a_publisher_of_less_reliability_is_told_with_both_profiles(reliable):
     )
     node, *_ = reliable.programs
     reliable.await_line(node, expected)
-    publisher.kill()
+    publisher.close()
 
 
 def test_a_publisher_of_another_type_is_told(reliable):

@@ -1,5 +1,6 @@
 """Results as messages, in a bag that two other implementations read."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -135,13 +136,22 @@ def test_a_result_without_a_model_is_a_warning_without_hypotheses(unnamed):
     assert "no model" in verdict.message
 
 
-def test_people_see_axes_label_and_every_contour_where_it_was_seen(named):
-    axes, label, *contours = result_markers(named, Header(STAMP, "world"))
+def test_people_see_mesh_axes_label_and_every_contour_where_it_was_seen(named):
+    mesh, axes, label, *contours = result_markers(named, Header(STAMP, "world"))
+    assert (mesh.type, len(mesh.points)) == (MarkerType.TRIANGLE_LIST, 3 * len(named.mesh.faces))
+    assert mesh.pose == axes.pose
     assert (axes.type, len(axes.points), len(axes.colors)) == (MarkerType.LINE_LIST, 6, 6)
     assert label.text == "wedge 0.90"
     assert len(contours) == sum(len(view.rings) for view in named.hull.views) == 4
-    identities = {(marker.ns, marker.id) for marker in (axes, label, *contours)}
-    assert len(identities) == 6
+    identities = {(marker.ns, marker.id) for marker in (mesh, axes, label, *contours)}
+    assert len(identities) == 7
+
+
+def test_of_very_many_views_evenly_chosen_ones_are_shown(named):
+    hull = copy(named.hull)
+    hull.views = [named.hull.views[0]] * 120
+    _, _, _, *contours = result_markers(replace(named, hull=hull), Header(STAMP, "world"))
+    assert 30 <= len(contours) <= 50
 
 
 @pytest.mark.parametrize("clear", [None, Header(STAMP + 9, "world")])
