@@ -168,11 +168,11 @@ def _why_second_order(trial: Trial, neighbours: Sequence[Neighbour]) -> str:
 
 
 def _likeness(found: Neighbour) -> str:
+    told_apart = found.apart_as_modelled > WELL_APART * found.stray
     cause = (
-        "The objects themselves would be told apart; ten silhouettes leave too much of what is "
-        "hollow, and how much depends on the views"
-        if found.apart_as_modelled > WELL_APART * found.stray
-        or found.apart_as_modelled > WELL_APART * found.apart
+        "The objects themselves would be told apart; silhouettes leave too much of what is hollow, "
+        "and how much depends on where they are seen from"
+        if told_apart
         else "The objects themselves are that alike"
     )
     return (

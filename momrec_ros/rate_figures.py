@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from momrec_ros.drawing import (
     BLUE,
     FAINT,
+    GREEN,
     INK,
     ORANGE,
     VERMILION,
@@ -28,12 +30,20 @@ if TYPE_CHECKING:
     from momrec_ros.experiment import Trial
     from momrec_ros.paper_table import PaperRow
 
-__all__ = ["draw_ellipsoids", "draw_rates", "draw_trust"]
+__all__ = [
+    "RateCurve",
+    "RatePanel",
+    "draw_curves",
+    "draw_ellipsoids",
+    "draw_rates",
+    "draw_trust",
+]
 
 ORDINALS = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}
 LOWEST_RATE = 50.0  # percent, at the bottom of the plots
+CURVES = ("o-", "s--", "D:")
 MARKERS = "osD^vP*Xph<>d"  # of classes
-CLASS_COLORS = (BLUE, VERMILION, "#009E73", "#CC79A7", INK)
+CLASS_COLORS = (BLUE, VERMILION, GREEN, "#CC79A7", INK)
 
 
 def draw_rates(
@@ -108,6 +118,56 @@ def _plot_published(axes: Axes, rows: Sequence[PaperRow]) -> None:
             mew=1.8,
             label="the paper, one split",
         )
+
+
+@dataclass(frozen=True)
+class RateCurve:
+    """Rates in percent under a name."""
+
+    name: str
+    rates: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class RatePanel:
+    """Curves over the same positions, and what these are."""
+
+    title: str
+    positions: tuple[float, ...]
+    curves: tuple[RateCurve, ...]
+
+
+def draw_curves(panels: Sequence[RatePanel], path: str | Path) -> None:
+    """Draw rates over what they depend on, side by side.
+
+    Parameters
+    ----------
+    panels : sequence of RatePanel
+        The first names the curves in the legend; others use some of its names.
+    path : path
+        The PNG to write.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    width = 4.6 * len(panels)
+    figure = blank_figure(width, 4.6)
+    grid = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    figure.subplots_adjust(left=0.8 / width, right=0.985, top=0.95, bottom=0.26, wspace=0.08)
+    for axes, panel in zip(grid, panels, strict=True):
+        places = np.arange(len(panel.positions))
+        for curve, color, style in zip(panel.curves, (BLUE, ORANGE, GREEN), CURVES, strict=False):
+            axes.plot(places, curve.rates, style, color=color, ms=6, lw=1.8, label=curve.name)
+        axes.set_xticks(places, [f"{position:g}" for position in panel.positions])
+        axes.set_xlabel(panel.title, color=INK)
+        _plain(axes)
+    lowest = min(min(curve.rates) for panel in panels for curve in panel.curves)
+    grid[0].set_ylim(10 * np.floor(lowest / 10), 101.5)
+    grid[0].set_ylabel("named rightly, %", color=INK)
+    _legend_below(figure, grid[0])
+    save_figure(figure, path)
 
 
 def _steps(count: int) -> NDArray[np.int64]:
