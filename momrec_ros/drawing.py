@@ -128,6 +128,7 @@ def text_below(
         color=color,
         ha="center",
         va="center",
+        parse_math=False,
     )
 
 

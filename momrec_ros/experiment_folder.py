@@ -77,7 +77,7 @@ CAPTIONS = {
             "on the order of the views; the triangulated surfaces (below) hardly do."
         ),
     ),
-    "figure_9": ("Figure 9: the ten objects", "As modelled, each seen from the same side."),
+    "figure_9": ("Figure 9: the objects", "As modelled, each seen from the same side."),
     "figure_10": (
         "Figure 10: canonical versions of the objects",
         "Centroid at the origin, area 100, principal axes v1 upwards (z), v2 to x, v3 to y.",

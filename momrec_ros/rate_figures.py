@@ -277,7 +277,7 @@ def _plot_moments(
             ms=5,
             alpha=0.55,
             mew=0,
-            label=str(label).replace("_", " "),
+            label=str(label).replace("_", " ").replace("$", r"\$"),
         )
         axes.plot(*exact[models.labels == label].T, marker, color=color, ms=11, mfc="none", mew=1.6)
     axes.set_xlabel(_moment(across), color=INK)

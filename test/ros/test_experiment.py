@@ -199,7 +199,8 @@ def test_the_shipped_objects_are_ten_and_ten_with_near_ties():
 
 
 def test_near_ties_are_in_the_report_with_their_tables(tmp_path):
-    simple = {name: [near_ties()[name]] for name in ("near_cube", "square_prism", "wedge")}
+    names = {"near_cube": "$^{", "square_prism": "<b>&", "wedge": "wedge"}
+    simple = {name: [near_ties()[shape]] for shape, name in names.items()}
     _, bounds = write_experiment(tmp_path, Objects(simple, simple), PLAN, Terminal())
     assert len(bounds) == 7
     assert sum("near ties" in bound.what for bound in bounds) == 1
