@@ -118,6 +118,12 @@ class RecognizerNode(LifecycleNode):
         if self._pipeline is not None:
             self._pipeline.stop(PATIENCE)
 
+    def destroy_node(self) -> None:
+        """Leave the graph, and give back the shared memory."""
+        super().destroy_node()
+        # rclpy leaves it to the garbage collector; until then others go on seeing the node.
+        self._state_machine.destroy_when_not_in_use()
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Check the parameters, load the model, and start to listen for listeners."""
         try:
