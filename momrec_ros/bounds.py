@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +11,11 @@ from momrec_core.trust import Curve, Reliability
 from momrec_ros.experiment import Study, Trial
 from momrec_ros.neighbours import Neighbour
 
-__all__ = ["Bound", "near_tie_bound", "paper_bounds", "trust_bounds"]
+__all__ = ["Bound", "few_views_bounds", "near_tie_bound", "paper_bounds", "trust_bounds"]
 
 STEADY_STEP = 4  # from which on the third-order rates should be high
 MOST_FEATURES = 8  # with alternatives
+FEW_VIEWS = 5
 LEAST_AREA = 0.97  # under the curve of strangers rejected over known objects rejected
 LARGEST_ERROR = 0.05  # of calibration
 CONFUSIONS = 3  # that are told
@@ -108,6 +109,34 @@ def near_tie_bound(study: Study) -> Bound:
     return replace(bound, why=why)
 
 
+def few_views_bounds(studies: Mapping[int, Study]) -> list[Bound]:
+    """Compare what few views give with what they should.
+
+    Parameters
+    ----------
+    studies : mapping
+        Number of views to study, with trials of order 5.
+
+    Returns
+    -------
+    bounds : list of Bound
+        One, if there is a study of five views.
+    """
+    if FEW_VIEWS not in studies:
+        return []
+    trial = studies[FEW_VIEWS].free[5]
+    rates = 100 * trial.spread().test_mean
+    bound = _rate(
+        f"{FEW_VIEWS} views, fifth order, test set, mean of {len(trial.splits)} splits, with "
+        f"alternatives, {_best(rates)}",
+        rates.max(),
+        97.0,
+    )
+    if not bound.held:
+        bound = replace(bound, why=_worst_names(trial, int(np.argmax(rates)) + 1))
+    return [bound]
+
+
 def trust_bounds(curve: Curve, known: Reliability) -> list[Bound]:
     """Compare rejection of strangers and calibration with what they should be.
 
@@ -155,16 +184,20 @@ def _best(rates: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
 
 def _why_second_order(trial: Trial, neighbours: Sequence[Neighbour]) -> str:
     """Say which classes are confused, and whether reconstruction or likeness is to blame."""
+    (worst, _), *_ = trial.confusions(trial.steps)
+    told = [_likeness(found) for found in neighbours if found.label == worst]
+    return " ".join([_worst_names(trial, trial.steps), *told])
+
+
+def _worst_names(trial: Trial, step: int) -> str:
     tested = sum(len(split.test) for split in trial.splits)
-    confusions = trial.confusions(trial.steps)
+    confusions = trial.confusions(step)
     worst = list(confusions.items())[:CONFUSIONS]
     share = sum(count for _, count in worst) / max(1, sum(confusions.values()))
     named = ", ".join(f"{one} taken for {other} ({count})" for (one, other), count in worst)
-    text = [
+    return (
         f"{sum(confusions.values())} of {tested} wrong; {100 * share:.0f} % of these are: {named}."
-    ]
-    text += [_likeness(found) for found in neighbours if found.label == worst[0][0][0]]
-    return " ".join(text)
+    )
 
 
 def _likeness(found: Neighbour) -> str:

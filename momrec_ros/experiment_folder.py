@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -18,7 +18,13 @@ from momrec_core.simulation import look_at
 from momrec_core.stepwise import Instances
 from momrec_core.trust import rejection_curve, reliability
 from momrec_core.view import View
-from momrec_ros.bounds import Bound, near_tie_bound, paper_bounds, trust_bounds
+from momrec_ros.bounds import (
+    Bound,
+    few_views_bounds,
+    near_tie_bound,
+    paper_bounds,
+    trust_bounds,
+)
 from momrec_ros.experiment import Plan, Study, study, trust
 from momrec_ros.experiment_figures import (
     draw_canonical_meshes,
@@ -38,7 +44,14 @@ from momrec_ros.experiment_tables import write_first_split, write_spread
 from momrec_ros.near_ties import near_ties
 from momrec_ros.neighbours import nearest_neighbours
 from momrec_ros.paper_table import PAPER_TABLE
-from momrec_ros.rate_figures import draw_ellipsoids, draw_rates, draw_trust
+from momrec_ros.rate_figures import (
+    RateCurve,
+    RatePanel,
+    draw_curves,
+    draw_ellipsoids,
+    draw_rates,
+    draw_trust,
+)
 from momrec_ros.shared_data import shared_path
 from momrec_ros.terminal import Terminal
 from momrec_ros.training import find_classes
@@ -48,6 +61,7 @@ __all__ = ["Objects", "write_experiment"]
 OBJECTS = "meshes/ten_objects"
 LEAST_CLASSES = 3  # one can be left out, and two remain to be told apart
 NEAR_TIE_ORDERS = (3, 5)
+VIEW_COUNTS, VIEW_COUNT_ORDERS = (3, 5, 20), (2, 3, 5)
 REFINED = "unequal_table"  # the object of figures 5 and 6: many pieces in its slices
 # Viewing directions of figures 5 and 6: two level ones, for upright slices, then from all sides.
 DIRECTIONS = (
@@ -89,6 +103,14 @@ CAPTIONS = {
             "from its silhouettes, brought into its canonical frame; seen as in figure 10."
         ),
     ),
+    "views": (
+        "Number of views",
+        (
+            "Mean of the random splits, test set. Second order by A.1 to A.3, third and fifth "
+            "order with admissible alternatives. Instances have the same places, orientations and "
+            "sizes for each number of views; training and test sets are seen in as many."
+        ),
+    ),
     "near_ties": (
         "Near ties: ten objects whose frames are ambiguous",
         (
@@ -119,16 +141,19 @@ class Objects:
         Label to meshes; at least three classes.
     ambiguous : dict
         The same for objects with near ties; none for an experiment without them.
+    view_counts : tuple of int
+        Further numbers of views to do it with.
     """
 
     classes: dict[str, list[trimesh.Trimesh]]
     ambiguous: dict[str, list[trimesh.Trimesh]]
+    view_counts: tuple[int, ...]
 
     @classmethod
     def shipped(cls) -> Self:
         """Return the ten objects of the shipped bag, and ten with near ties."""
         ambiguous = {label: [mesh] for label, mesh in near_ties().items()}
-        return cls(find_classes([shared_path(OBJECTS)]), ambiguous)
+        return cls(find_classes([shared_path(OBJECTS)]), ambiguous, VIEW_COUNTS)
 
     @classmethod
     def given(cls, paths: Sequence[Path]) -> Self:
@@ -144,7 +169,7 @@ class Objects:
             raise MomrecError(
                 f"Expected at least {LEAST_CLASSES} classes, got {', '.join(classes)}"
             )
-        return cls(classes, {})
+        return cls(classes, {}, ())
 
 
 def write_experiment(
@@ -181,6 +206,7 @@ def write_experiment(
     sections, bounds = _recognition_sections(found, folder)
     sections += _figure_sections(found, folder, terminal)
     for more_sections, more_bounds in (
+        _view_count_sections(found, objects, plan, folder, terminal),
         _near_tie_sections(objects, plan, folder, terminal),
         _trust_sections(found, folder, terminal),
     ):
@@ -243,6 +269,42 @@ def _figure_sections(found: Study, folder: Path, terminal: Terminal) -> list[str
         drawings[name](path)
         sections.append(picture_section(*CAPTIONS[name], path))
     return sections
+
+
+def _view_count_sections(
+    found: Study, objects: Objects, plan: Plan, folder: Path, terminal: Terminal
+) -> tuple[list[str], list[Bound]]:
+    """Do the experiment with other numbers of views, if there are any."""
+    if not objects.view_counts:
+        return [], []
+    studies = {plan.views: found}
+    for views in objects.view_counts:
+        other = replace(plan, views=views)
+        if views not in studies:
+            studies[views] = study(objects.classes, other, terminal, orders=VIEW_COUNT_ORDERS)
+    studies = dict(sorted(studies.items()))
+    picture = folder / "views.png"
+    draw_curves([_view_count_panel(studies)], picture)
+    section = picture_section(*CAPTIONS["views"], picture)
+    return [section], few_views_bounds(studies)
+
+
+def _view_count_panel(studies: Mapping[int, Study]) -> RatePanel:
+    """Return how the mean rates on the test sets go with the number of views."""
+    curves = [
+        RateCurve(
+            "second order, three moments",
+            tuple(100 * one.ruled[2].spread().test_mean[-1] for one in studies.values()),
+        )
+    ]
+    curves += [
+        RateCurve(
+            f"{name} order, best step",
+            tuple(100 * one.free[order].spread().test_mean.max() for one in studies.values()),
+        )
+        for order, name in ((3, "third"), (5, "fifth"))
+    ]
+    return RatePanel("number of views", tuple(studies), tuple(curves))
 
 
 def _near_tie_sections(

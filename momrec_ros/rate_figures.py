@@ -152,7 +152,7 @@ def draw_curves(panels: Sequence[RatePanel], path: str | Path) -> None:
     OSError
         If the file cannot be written.
     """
-    width = 4.6 * len(panels)
+    width = max(4.6 * len(panels), 8.0)
     figure = blank_figure(width, 4.6)
     grid = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     figure.subplots_adjust(left=0.8 / width, right=0.985, top=0.95, bottom=0.26, wspace=0.08)

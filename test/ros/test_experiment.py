@@ -198,12 +198,13 @@ def test_the_shipped_objects_are_ten_and_ten_with_near_ties():
     assert len(objects.classes) == len(objects.ambiguous) == 10
 
 
-def test_near_ties_are_in_the_report_with_their_tables(tmp_path):
+def test_near_ties_and_few_views_are_in_the_report(tmp_path):
     names = {"near_cube": "$^{", "square_prism": "<b>&", "wedge": "wedge"}
     simple = {name: [near_ties()[shape]] for shape, name in names.items()}
-    _, bounds = write_experiment(tmp_path, Objects(simple, simple), PLAN, Terminal())
-    assert len(bounds) == 7
-    assert sum("near ties" in bound.what for bound in bounds) == 1
+    _, bounds = write_experiment(tmp_path, Objects(simple, simple, (5, 4)), PLAN, Terminal())
+    assert len(bounds) == 8
+    for what in ("near ties", "5 views"):
+        assert sum(what in bound.what for bound in bounds) == 1
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "Near ties: mean and spread" in page.text
     for bound in bounds:
