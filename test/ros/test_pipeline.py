@@ -1,5 +1,6 @@
 """The node's worker thread: messages in at any time, results out in time."""
 
+import itertools
 import queue
 import threading
 from functools import partial
@@ -46,6 +47,7 @@ class Bench:
 
     def __init__(self, pace=FAST, wanted=()):
         self.now = 0
+        self.time = lambda: self.now
         self.log = Lines()
         self.sent = queue.Queue()
         self.publish = self.sent.put
@@ -57,9 +59,12 @@ class Bench:
             is_wanted=lambda name: name in wanted,
             log=self.log,
             pace=pace,
-            clock=lambda: self.now,
+            clock=self._time,
             frame_prefix="robot",
         )
+
+    def _time(self):
+        return self.time()
 
     def _publish(self, outputs):
         if outputs:
@@ -222,6 +227,27 @@ def test_what_a_reset_overtakes_is_not_published(make):
     bench.pipeline.reset()
     bench.receive(2, 3, 4)
     bench.pipeline.activate()
+    assert bench.until_views(3) == 1
+
+
+def test_what_comes_after_a_reset_is_used_though_a_view_before_it_was_still_at_work(make):
+    bench = make()
+    is_at_work, may_go_on = threading.Event(), threading.Event()
+    looks = itertools.count()
+
+    def time():
+        if next(looks):  # the first is that of the activation
+            is_at_work.set()
+            assert may_go_on.wait(LIMIT)
+        return 0
+
+    bench.time = time
+    bench.receive(0, 1, 2, 3, 4)
+    bench.pipeline.activate()
+    assert is_at_work.wait(LIMIT)
+    bench.pipeline.reset()
+    bench.receive(5, 6, 7)
+    may_go_on.set()
     assert bench.until_views(3) == 1
 
 
