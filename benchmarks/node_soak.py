@@ -42,6 +42,7 @@ from momrec_ros.shared_data import shared_path
 EXECUTABLE = Path("install/momrec_ros/lib/momrec_ros/recognizer")
 OBJECTS = 10
 SETTLED = 60.0  # seconds, after which memory should stay
+LEAST_VIEWS = 2  # for a result
 PATIENCE = 10.0  # seconds for what is under way at the end
 BOUNDS = {"lost": 0, "p99": 250.0, "growth": 5.0}
 
@@ -87,6 +88,7 @@ class Driver(Node):
         self._views = rounds(views)
         self._pid = pid
         self._start = time.monotonic()
+        self._shown: dict[str, int] = {}
         self._contours = self.create_publisher(MarkerArray, "contours", QoSProfile(depth=100))
         durable = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(
@@ -114,8 +116,11 @@ class Driver(Node):
         stamp = self.get_clock().now().nanoseconds
         self._contours.publish(encode_view(replace(view, stamp=stamp)))
         self.observed.sent += 1
+        shown = self._shown[view.object_id] = self._shown.get(view.object_id, 0) + 1
         if is_last:
-            self.observed.published[view.object_id, stamp] = time.monotonic()
+            if shown >= LEAST_VIEWS:  # the first round of an object may be its last view alone
+                self.observed.published[view.object_id, stamp] = time.monotonic()
+            self._shown[view.object_id] = 0
             forget = Marker(ns=view.object_id, action=MarkerAction.DELETEALL)
             self._contours.publish(encode_marker_array([forget]))
 

@@ -65,20 +65,16 @@ class StepwiseSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]  # b
             raise ValueError(f"Expected at least one feature, got {self.max_features}")
         total, between = _covariances(_standardised(vectors), labels)
         chosen: list[int] = []
-        traces = []
+        traces: list[float] = []
         while len(chosen) < min(self.max_features, self.n_features_in_):
-            gains = np.array(
-                [
-                    _criterion(total, between, [*chosen, index])
-                    for index in range(self.n_features_in_)
-                ]
-            )
+            gains = _gains(total, between)
             gains[chosen] = -np.inf
             best = int(np.argmax(gains))
             if not np.isfinite(gains[best]):
                 break
             chosen.append(best)
-            traces.append(gains[best])
+            traces.append(sum(traces[-1:]) + float(gains[best]))
+            total, between = _without(total, between, best)
         self.selected_ = np.array(chosen or [0])
         self.traces_ = np.array(traces if chosen else [0.0])
         return self
@@ -115,19 +111,25 @@ def _covariances(
     return centred.T @ centred / len(X), (counts[:, None] * offsets).T @ offsets / len(X)
 
 
-def _criterion(
-    total: NDArray[np.float64], between: NDArray[np.float64], features: list[int]
-) -> float:
-    """Return trace(T_q^-1 B_q), or -inf where the last feature hangs on the others."""
-    block = np.ix_(features, features)
-    *others, last = features
-    left = total[last, last]
-    if others:
-        across = total[others, last]
-        left -= across @ np.linalg.solve(total[np.ix_(others, others)], across)
-    if left <= SINGULAR:
-        return -np.inf
-    return float(np.trace(np.linalg.solve(total[block], between[block])))
+def _gains(total: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by how much each feature raises trace(T_q^-1 B_q); -inf if it hangs on the chosen.
+
+    The trace does not depend on the features' basis. Of what the chosen features leave of a
+    candidate, uncorrelated with them, it takes the share that is between classes.
+    """
+    left = np.diag(total)
+    usable = left > SINGULAR
+    return np.where(usable, np.diag(between) / np.where(usable, left, 1.0), -np.inf)
+
+
+def _without(
+    total: NDArray[np.float64], between: NDArray[np.float64], chosen: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the covariances T and B of what a feature, by regression, leaves of all features."""
+    slopes = total[chosen] / total[chosen, chosen]
+    residual = np.eye(len(total))
+    residual[:, chosen] -= slopes
+    return residual @ total @ residual.T, residual @ between @ residual.T
 
 
 class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # likewise

@@ -52,7 +52,7 @@ def double_shared_edges(
     middles: list[NDArray[np.float64]] = []
     inserted: dict[int, dict[int, int]] = defaultdict(dict)
     for start, count in zip(first[shared], counts[shared], strict=True):
-        sides = order[start : start + count]
+        sides = np.sort(order[start : start + count])
         middle = points[[heads[sides[0]], tails[sides[0]]]].mean(axis=0)
         for pair in _pair_around_edge(points, triangles, sides)[1:]:
             for side in pair:
@@ -102,7 +102,7 @@ def _group_edges(
     """Sort the sides of triangles by edge; return the order, where each edge begins, how many."""
     heads, tails = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
     edges = np.minimum(heads, tails) * count + np.maximum(heads, tails)
-    order = np.argsort(edges, kind="stable")
+    order = np.argsort(edges)
     first = np.flatnonzero(np.diff(edges[order], prepend=-1))
     return order, first, np.diff(first, append=len(edges))
 

@@ -263,22 +263,31 @@ def noisy_view(view: View, noise: float, rng: np.random.Generator) -> View:
     Returns
     -------
     noisy : View
-        With vertices at even spacing along the contours, each displaced on its own.
+        With vertices at even spacing along the contours, each displaced on its own. Where a thin
+        part makes a contour cross itself, the region is the one by the even-odd rule; parts and
+        holes that the noise swallows are gone.
 
     Raises
     ------
     InvalidContourError
-        If the noise is so strong that the contours lose their meaning.
+        If the noise is so strong that nothing is left.
     """
     low, high = np.reshape(view.silhouette.bounds, (2, 2))
     diagonal = float(np.linalg.norm(high - low))
     spacing = max(NOISE_SPACING * noise, FINEST_SPACING) * diagonal
-    rings = []
-    for ring in view.rings:
-        dense = shapely.segmentize(shapely.LinearRing(ring), spacing)
-        points = shapely.get_coordinates(dense)[:-1]
-        rings.append(points + rng.normal(0.0, noise * diagonal, points.shape))
-    return View.from_rings(view.camera, rings)
+
+    def disturbed(ring: shapely.LinearRing) -> shapely.Geometry:
+        points = shapely.get_coordinates(shapely.segmentize(ring, spacing))[:-1]
+        moved = shapely.Polygon(points + rng.normal(0.0, noise * diagonal, points.shape))
+        return moved if moved.is_valid else shapely.make_valid(moved, method="linework")
+
+    pieces = []
+    for piece in view.silhouette.geoms:
+        whole, *holes = [disturbed(ring) for ring in shapely.get_rings(piece)]
+        pieces.append(shapely.difference(whole, shapely.union_all(holes)))
+    parts = shapely.get_parts(shapely.get_parts(shapely.union_all(pieces)))
+    kept = [part for part in parts if isinstance(part, shapely.Polygon)]
+    return View(view.camera, shapely.MultiPolygon(kept))
 
 
 def _bounding_sphere(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], float]:

@@ -148,7 +148,8 @@ def _nearest(
     above = rings.points[high, :2] - shifts[high_bands]
     below = rings.points[low, :2]
     reach = 2 * np.ptp(np.concatenate([below, above]), axis=0).sum() + 1
-    tree = KDTree(np.column_stack([above, reach * high_bands]))
+    layered = np.column_stack([above, reach * high_bands])
+    tree = KDTree(layered, balanced_tree=False)  # split between the planes, not at medians
     distances, partners = tree.query(np.column_stack([below, reach * low_bands]))
     order = np.lexsort([distances, low_bands])
     best = order[np.searchsorted(low_bands, np.arange(len(pairs)))]

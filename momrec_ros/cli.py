@@ -73,6 +73,7 @@ Margin = Annotated[float, _option(parameters.MARGIN)]
 MaxFeatures = Annotated[int, _option(parameters.MAX_FEATURES)]
 Order = Annotated[int, _option(parameters.ORDER)]
 Workers = Annotated[int, _option(parameters.WORKERS)]
+Splits = Annotated[int, _option(parameters.SPLITS)]
 
 
 def _show_version(*, wanted: bool) -> None:
@@ -232,6 +233,35 @@ def reconstruct(
             folder, output, bag, figures, slices=slices, tolerance=tolerance, margin=margin
         )
     )
+
+
+@app.command()
+def experiment(
+    meshes: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            exists=True,
+            help="Other objects than the ten shipped: a class per subfolder or per file.",
+        ),
+    ] = None,
+    *,
+    output: Annotated[Path, typer.Option(help="New folder for tables, figures and report.html.")],
+    seed: Seed = parameters.SEED.default,
+    splits: Splits = parameters.SPLITS.default,
+    views: Views = parameters.VIEWS.default,
+    slices: Slices = parameters.SLICES.default,
+    workers: Workers = parameters.WORKERS.default,
+) -> None:
+    """Repeat the paper's experiment: Table 1 and figures 5, 6, 9, 10, 11 beside its own.
+
+    Then the same with objects whose frames are ambiguous, and with classes left out.
+    """
+    with _plain_interrupts():
+        from momrec_ros.commands import run_experiment  # noqa: PLC0415
+        from momrec_ros.experiment import Plan  # noqa: PLC0415
+
+    plan = Plan(seed=seed, splits=splits, views=views, slices=slices, workers=workers)
+    raise typer.Exit(run_experiment(meshes or [], output, plan))
 
 
 @contextmanager

@@ -21,6 +21,9 @@ from momrec_ros.bag import read_bag
 from momrec_ros.bag_writer import BagWriter
 from momrec_ros.cameras_json import MaskedView, MaskedViews, read_cameras_json
 from momrec_ros.demo_folder import replaced_folder
+from momrec_ros.experiment import Plan
+from momrec_ros.experiment_folder import Objects, write_experiment
+from momrec_ros.experiment_tables import bounds_table, table_1
 from momrec_ros.figures import draw_coverage, draw_object, draw_overview
 from momrec_ros.files import (
     check_mesh_output,
@@ -44,6 +47,7 @@ __all__ = [
     "Course",
     "Recording",
     "run_demo",
+    "run_experiment",
     "run_reconstruct",
     "run_replay",
     "run_simulate",
@@ -364,3 +368,16 @@ def _tell_coverage(used: Sequence[MaskedView], result: ObjectResult, terminal: T
         f"{100 * min(covered):.1f} % of the worst; intersection over union "
         f"{100 * np.mean([share.iou for share in shares]):.1f} %"
     )
+
+
+def run_experiment(meshes: Sequence[Path], output: Path, plan: Plan) -> int:
+    """Repeat the paper's experiment; see `momrec experiment --help`."""
+    expect_new(output)
+    terminal = Terminal()
+    objects = Objects.given(meshes) if meshes else Objects.shipped()
+    with new_folder(output) as folder:
+        study, bounds = write_experiment(folder, objects, plan, terminal)
+    terminal.table(table_1(study.ruled, study.free))
+    terminal.table(bounds_table(bounds))
+    terminal.wrote(*sorted(output.iterdir()))
+    return ALL_USED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial
 from importlib import import_module
@@ -101,6 +101,8 @@ class RecognizerNode(LifecycleNode):
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
         self.create_service(Trigger, "~/reset", self._reset)
+        change_state = self._service_change_state.callback
+        self._service_change_state.callback = partial(self._change_state, change_state)
         self._diagnostics = self.create_publisher(DiagnosticArrayMessage, "/diagnostics", 10)
         self.create_timer(
             DIAGNOSTICS_PERIOD, self._look_around, clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -117,6 +119,12 @@ class RecognizerNode(LifecycleNode):
         """Publish no more."""
         if self._pipeline is not None:
             self._pipeline.stop(PATIENCE)
+
+    def destroy_node(self) -> None:
+        """Leave the graph, and give back the shared memory."""
+        super().destroy_node()
+        # rclpy leaves it to the garbage collector; until then others go on seeing the node.
+        self._state_machine.destroy_when_not_in_use()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Check the parameters, load the model, and start to listen for listeners."""
@@ -208,7 +216,7 @@ class RecognizerNode(LifecycleNode):
     def _load_model(self) -> RecognitionModel | None:
         path = self._value(parameters.MODEL)
         if path:
-            return load_model(Path(path).expanduser())
+            return load_model(_model_file(path))
         self.get_logger().info("no model: objects are reconstructed and normalised, but not named")
         return None
 
@@ -287,6 +295,18 @@ class RecognizerNode(LifecycleNode):
         if matched.current_count_change > 0 and self._pipeline is not None:
             self._pipeline.serve(name)
 
+    def _change_state(self, change: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+        """Refuse a transition that the state does not have: rclpy raises, and nobody answers."""
+        try:
+            return change(request, response)
+        except RuntimeError:  # as rcl's errors are
+            self.get_logger().warning(
+                f"a transition is refused: expected one of a node that is {self._state}, got "
+                f"{(request.transition.label or request.transition.id)!r}"
+            )
+        response.success = False
+        return response
+
     def _reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self._pipeline is not None
         if self._pipeline is None:
@@ -354,6 +374,17 @@ class RecognizerNode(LifecycleNode):
 
 def _make_session(model: RecognitionModel | None, tally: Tally, **limits: int) -> Session:
     return Session(model, tally=tally, **limits)
+
+
+def _model_file(given: str) -> Path:
+    """Return a path that can be read without waiting for whoever is to write."""
+    try:
+        path = Path(given).expanduser()
+    except RuntimeError as error:
+        raise MomrecError(f"Expected a model file, got {given!r}: {error}") from error
+    if path.is_fifo() or path.is_char_device():
+        raise MomrecError(f"Expected a model file, got the device or pipe {path}")
+    return path
 
 
 def _topic(output: str) -> str:

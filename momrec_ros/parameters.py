@@ -29,6 +29,7 @@ __all__ = [
     "SEED",
     "SIMULATED_PROJECTION",
     "SLICES",
+    "SPLITS",
     "TOLERANCE",
     "VIEWS",
     "WORKERS",
@@ -245,7 +246,8 @@ MARGIN = Parameter(
 SEED = Parameter("seed", 0, "Seed of all that is drawn at random.", 0, 2**32 - 1)
 MAX_FEATURES = Parameter("max_features", 10, "Moments that the model uses at most.", 1, 49)
 ORDER = Parameter("order", 5, "Highest order of the moments.", 2, 5)
-WORKERS = Parameter("workers", 2, "Processes to train with, at most.", 1, 256)
+WORKERS = Parameter("workers", 2, "Processes to reconstruct with, at most.", 1, 256)
+SPLITS = Parameter("splits", 50, "Random splits into training and test set.", 1, 10_000)
 
 NODE_PARAMETERS: tuple[Parameter[Any], ...] = (
     MODEL,

@@ -341,8 +341,9 @@ class Pipeline:
             self._requests.popleft()()
         for _ in range(len(self._inbox)):  # those that come meanwhile wait for one result
             message = self._next_message()
-            if message is not None:
-                self._use(message)
+            if message is None:
+                break
+            self._use(message)
         if self._is_active:
             self._expire()
             self._publish_next()
@@ -351,8 +352,8 @@ class Pipeline:
 
     def _next_message(self) -> _Message | None:
         with self._news:
-            if not (self._inbox and self._is_active):
-                return None
+            if self._starts != self._resets or not (self._inbox and self._is_active):
+                return None  # what came after a reset is for the session after it
             message = self._inbox.popleft()
             self._inbox_bytes -= len(message.data)
             return message

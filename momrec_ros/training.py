@@ -16,7 +16,7 @@ from sklearn.model_selection import StratifiedKFold
 from momrec_core.canonical import CanonicalShape, normalize
 from momrec_core.errors import MomrecError
 from momrec_core.hull import reconstruct
-from momrec_core.model import RecognitionModel
+from momrec_core.model import UNKNOWN, RecognitionModel
 from momrec_core.simulation import simulate_instance
 from momrec_ros.files import MESH_INPUTS, read_mesh
 from momrec_ros.workers import worker_pool
@@ -66,7 +66,7 @@ def find_classes(paths: Sequence[Path]) -> dict[str, list[trimesh.Trimesh]]:
     Raises
     ------
     MomrecError
-        If a folder has no mesh, or a file is none.
+        If a folder has no mesh, a file is none, or no class may have its name.
     """
     found: dict[str, list[Path]] = {}
     for path in paths:
@@ -76,6 +76,11 @@ def find_classes(paths: Sequence[Path]) -> dict[str, list[trimesh.Trimesh]]:
         for file in files:
             label = file.parent.name if path.is_dir() and file.parent != path else file.stem
             found.setdefault(label, []).append(file)
+    wrong = [label for label in found if label == UNKNOWN or not label.isprintable()]
+    if wrong:
+        raise MomrecError(
+            f'Expected printable names other than "{UNKNOWN}" for classes, got {wrong[0]!r}'
+        )
     return {label: [read_mesh(file) for file in found[label]] for label in sorted(found)}
 
 

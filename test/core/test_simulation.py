@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from momrec_core import DegenerateShapeError
+from momrec_core import Camera, DegenerateShapeError, View
 from momrec_core.simulation import (
     look_at,
     noisy_view,
@@ -122,6 +122,19 @@ def test_noise_moves_the_contour_by_as_much_as_it_says(seed, noise):
     sigma = noise * np.linalg.norm(high - low)
     assert distances.max() < 6 * sigma
     assert 0.4 * sigma < np.sqrt(np.mean(distances**2)) < 1.6 * sigma
+
+
+def test_noise_swallows_slits_and_specks_but_not_the_object():
+    body = shapely.box(0.0, 0.0, 1.0, 1.0).difference(shapely.box(0.2, 0.5, 0.8, 0.502))
+    view = View(
+        Camera.orthographic(np.eye(4)),
+        shapely.MultiPolygon([body, shapely.box(1.2, 0.0, 1.202, 0.5)]),
+    )
+    rng = np.random.default_rng(11)
+    for _ in range(50):
+        noisy = noisy_view(view, 0.01, rng)
+        assert noisy.silhouette.is_valid
+        assert noisy.silhouette.area == pytest.approx(1.0, abs=0.06)
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)

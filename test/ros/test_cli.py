@@ -357,6 +357,15 @@ def test_training_does_not_depend_on_the_number_of_workers(tmp_path):
     assert models[0] == models[1]
 
 
+def test_no_class_is_named_as_what_is_not_known(momrec, tmp_path):
+    for name in ("unknown.ply", "two\nlines.ply"):
+        shutil.copy(MESHES / "stranger.ply", tmp_path / name)
+        ended = momrec("train", tmp_path / name, "--output", tmp_path / "model.json", *QUICK)
+        assert ended.code == 1
+        assert 'Expected printable names other than "unknown"' in ended.err
+        assert ended.err.count("\n") == 1
+
+
 def test_a_folder_without_meshes_is_an_error(momrec, tmp_path):
     ended = momrec("train", tmp_path, "--output", tmp_path / "model.json")
     assert ended.code == 1

@@ -2,8 +2,11 @@
 
 from functools import partial
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import box_views, view_message
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 
 VIEWS = box_views(10)
 
@@ -38,3 +41,38 @@ def test_the_node_goes_twice_through_all_states_and_gathers_views_in_between(gra
         assert graph.state() == "unconfigured"
     assert graph.change("shutdown")
     assert graph.state() == "finalized"
+
+
+def test_transitions_that_a_state_does_not_have_are_refused_and_change_nothing(graph):
+    graph.start(autostart=False, slices=8)
+    for transition in ("activate", "deactivate", "cleanup"):
+        assert not graph.change(transition)
+        assert graph.state() == "unconfigured"
+    assert not graph.reset().success
+    assert graph.change("configure")
+    for transition in ("configure", "deactivate"):
+        assert not graph.change(transition)
+        assert graph.state() == "inactive"
+
+
+@pytest.mark.parametrize(
+    "transition",
+    [
+        Transition(id=Transition.TRANSITION_ACTIVATE),
+        Transition(id=Transition.TRANSITION_CREATE),
+        Transition(id=255),
+        Transition(label="cleanup"),
+        Transition(label="fly"),
+    ],
+    ids=["activate", "create", "unknown", "cleanup by name", "unknown by name"],
+)
+def test_a_transition_that_the_state_does_not_have_is_refused(unconfigured, transition):
+    request = ChangeState.Request(transition=transition)
+    assert not unconfigured.call("change_state", ChangeState, request).success
+    assert unconfigured.state() == "unconfigured"
+
+
+@pytest.fixture(scope="module")
+def unconfigured(lasting_graph):
+    lasting_graph.start(autostart=False)
+    return lasting_graph

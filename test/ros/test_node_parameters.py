@@ -1,7 +1,9 @@
 """Parameters of the node `recognizer` and the models it is given, in a real graph."""
 
 import json
+import os
 import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import graph as graphs
@@ -118,7 +120,15 @@ def broken_models(folder):
     }
     for name, content in contents.items():
         (folder / name).write_text(content)
-    return [*(folder / name for name in contents), folder / "missing.json", folder]
+    os.mkfifo(folder / "pipe.json")
+    devices = (Path("/dev/zero"), Path("~nobody_of_this_name/model.json"))
+    return [
+        *(folder / name for name in contents),
+        folder / "pipe.json",
+        folder / "missing.json",
+        folder,
+        *devices,
+    ]
 
 
 def test_a_model_that_cannot_be_loaded_refuses_configure_in_one_line_until_it_is_another(

@@ -1,5 +1,6 @@
 """SIGINT and SIGTERM end the node `recognizer` in every state, soon and in silence."""
 
+import re
 import signal
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ from momrec_core.view import View
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 BOUND = 1.0  # seconds
+SOON = 5.0  # seconds: others forget a node that vanishes without a word after twenty
 HEAVY = 2048  # slices: seconds of computation for a star
 
 each_signal = pytest.mark.parametrize("number", SIGNALS)
@@ -47,6 +49,29 @@ def test_a_signal_ends_the_node_in_every_state(graph, transitions, number):
         assert graph.change(transition)
     graph.state()
     assert_ends(node, number)
+
+
+def is_in(graph):
+    return "recognizer" in graph.node.get_node_names()
+
+
+def segments(process):
+    """Return the shared memory that a process and others map; ports belong to no one."""
+    maps = Path(f"/proc/{process}/maps").read_text().splitlines()
+    paths = {Path(line.split()[-1]) for line in maps if "fastrtps_" in line}
+    return {path for path in paths if re.match("fastrtps_(?!port)", path.name)}
+
+
+def test_a_node_that_has_ended_leaves_the_graph_and_no_shared_memory(graph):
+    of_the_listener = segments("self")
+    node = graph.start()
+    graph.until(lambda: is_in(graph), "the node")
+    graph.state()
+    of_the_node = segments(node.process.pid) - of_the_listener
+    assert of_the_node
+    assert_ends(node, signal.SIGINT)
+    graph.until(lambda: not is_in(graph), "the end of the node", SOON)
+    assert not any(path.exists() for path in of_the_node)
 
 
 @each_signal
