@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.special import logsumexp
+from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import StratifiedKFold
 
 from momrec_core.canonical import CANONICAL_AREA
@@ -24,6 +27,12 @@ KNOWN_QUANTILE = 0.99  # of the held-back distances lies below the threshold, be
 THRESHOLD_MARGIN = 1.5  # on that quantile: few instances show no rare ones
 TYPICAL_MEMBERS = 5  # are added to each class, so that a few instances do not make it too narrow
 LEAST_SPREAD = 1e-3  # of all instances' spread: equal instances of a class teach none of its own
+LEAST_CLASSES = 3  # to leave one out and still have two
+USUAL_CERTAINTY = 8.0  # where there are fewer
+LEAST_CERTAINTY = 1e-3  # what is nearer is not less likely known
+SOFTNESS = 1e3  # of the odds: they stay finite where no stranger comes near
+WIDEST_CHANGE = np.log(4.0)  # of the blur, from the median spread of the classes
+FAR = 10.0  # thresholds: farther strays tell no more
 ROUNDING = 1e-9  # of a moment's natural size: below it, symmetric shapes vary by rounding only
 
 
@@ -44,6 +53,11 @@ class Learned:
         Distance, in spreads of the nearest class, beyond which an instance belongs to none.
     spreads : array, shape (classes,)
         How far held-back instances of each class are from its mean.
+    blur : float
+        Width, in distances, by which the classes share what lies between them.
+    certainty : float
+        Slope of the log odds that an instance belongs to one of the classes, over its distance in
+        thresholds; they are even at the threshold.
     """
 
     classes: tuple[str, ...]
@@ -52,6 +66,8 @@ class Learned:
     covariance: NDArray[np.float64]
     threshold: float
     spreads: NDArray[np.float64]
+    blur: float
+    certainty: float
 
 
 def learn(
@@ -82,17 +98,22 @@ def learn(
     X = _aligned([np.where(varies, vectors, 0.0) for vectors in candidates], y)
     selected = StepwiseSelector(max_features).fit(X, y).selected_
     classifier = MinimumDistanceClassifier().fit(X[:, selected], y)
-    held_back = _held_back_distances(X, y, max_features)
     members = np.searchsorted(classifier.classes_, y)
+    distances = _held_back_distances(X, y, max_features)
+    held_back = distances[np.arange(len(members)), members]
     spreads = _spreads(held_back, members)
     quantile = float(np.quantile(held_back / spreads[members], KNOWN_QUANTILE))
+    threshold = THRESHOLD_MARGIN * max(quantile, 1.0)
+    reach = dict(zip(classifier.classes_.tolist(), threshold * spreads, strict=True))
     return Learned(
         classes=tuple(classifier.classes_.tolist()),
         selected=tuple(selected.tolist()),
         means=classifier.means_,
         covariance=classifier.covariance_,
-        threshold=THRESHOLD_MARGIN * max(quantile, 1.0),
+        threshold=threshold,
         spreads=spreads,
+        blur=_blur(distances, members, spreads),
+        certainty=_certainty(*_strays(X, y, max_features, reach)),
     )
 
 
@@ -140,14 +161,70 @@ def _aligned(candidates: Sequence[NDArray[np.float64]], y: NDArray[np.str_]) -> 
 def _held_back_distances(
     X: NDArray[np.float64], y: NDArray[np.str_], max_features: int
 ) -> NDArray[np.float64]:
-    """Return each instance's distance from its class, learned without it."""
-    fewest = int(np.unique(y, return_counts=True)[1].min())
-    folds = StratifiedKFold(min(FOLDS, fewest), shuffle=True, random_state=0)
-    distances = np.empty(len(X))
+    """Return each instance's distance from each class, learned without it; shape (n, classes)."""
+    labels, counts = np.unique(y, return_counts=True)
+    folds = StratifiedKFold(min(FOLDS, int(counts.min())), shuffle=True, random_state=0)
+    distances = np.empty((len(X), len(labels)))
     for learned, held_back in folds.split(X, y):
         chosen = StepwiseSelector(max_features).fit(X[learned], y[learned]).selected_
         classifier = MinimumDistanceClassifier().fit(X[np.ix_(learned, chosen)], y[learned])
-        own = np.searchsorted(classifier.classes_, y[held_back])
-        to_all = classifier.distances(X[np.ix_(held_back, chosen)])
-        distances[held_back] = to_all[np.arange(len(own)), own]
+        distances[held_back] = classifier.distances(X[np.ix_(held_back, chosen)])
     return distances
+
+
+def _blur(
+    distances: NDArray[np.float64], members: NDArray[np.int64], spreads: NDArray[np.float64]
+) -> float:
+    """Return the width, as of normal distributions, by which classes share what lies between.
+
+    Of the widths between parts of the classes' own, the one that makes the classes of instances
+    held back likeliest.
+    """
+
+    def unlikeliness(logarithm: float) -> float:
+        exponents = -(distances**2) / (2.0 * np.exp(2.0 * logarithm))
+        own = exponents[np.arange(len(members)), members]
+        return float(np.mean(logsumexp(exponents, axis=1) - own))
+
+    usual = float(np.log(np.median(spreads)))
+    around = (usual - WIDEST_CHANGE, usual + WIDEST_CHANGE)
+    return float(np.exp(minimize_scalar(unlikeliness, bounds=around, method="bounded").x))
+
+
+def _strays(
+    X: NDArray[np.float64], y: NDArray[np.str_], max_features: int, reach: dict[str, float]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return how far instances held back stray, and which are of classes that were left out.
+
+    The classes are left out in turn, some at a time, and so are the instances.
+    """
+    labels, counts = np.unique(y, return_counts=True)
+    if len(labels) < LEAST_CLASSES:
+        return np.empty(0), np.empty(0, dtype=bool)
+    folds = StratifiedKFold(min(FOLDS, int(counts.min())), shuffle=True, random_state=0)
+    strays, strange = [], []
+    for turn, (learned, held_back) in enumerate(folds.split(X, y)):
+        left_out = np.isin(y, labels[turn :: max(FOLDS, len(labels) // 2)])
+        rows = learned[~left_out[learned]]
+        asked = np.union1d(held_back, np.flatnonzero(left_out))
+        chosen = StepwiseSelector(max_features).fit(X[rows], y[rows]).selected_
+        classifier = MinimumDistanceClassifier().fit(X[np.ix_(rows, chosen)], y[rows])
+        distances = classifier.distances(X[np.ix_(asked, chosen)])
+        nearest = classifier.classes_[distances.argmin(axis=1)]
+        strays.append(distances.min(axis=1) / np.array([reach[label] for label in nearest]))
+        strange.append(left_out[asked])
+    return np.concatenate(strays), np.concatenate(strange)
+
+
+def _certainty(strays: NDArray[np.float64], strange: NDArray[np.bool_]) -> float:
+    """Fit how fast the log odds of being known rise inside the threshold; they are even at it.
+
+    References
+    ----------
+    J. Platt, Probabilistic outputs for support vector machines, 1999.
+    """
+    if not strange.any() or strange.all():
+        return USUAL_CERTAINTY
+    odds = LogisticRegression(C=SOFTNESS, class_weight="balanced", fit_intercept=False)
+    odds.fit(1.0 - np.minimum(strays, FAR)[:, None], ~strange)
+    return max(float(odds.coef_[0, 0]), LEAST_CERTAINTY)

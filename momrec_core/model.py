@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 __all__ = ["UNKNOWN", "Recognition", "RecognitionModel", "load_model"]
 
 UNKNOWN = "unknown"  # the label of what is far from every class; no class may have it
-FORMAT, VERSION = "momrec recognition model", 1
+FORMAT, VERSION = "momrec recognition model", 2
 MAX_FILE_BYTES = 16 * 2**20  # a model of a thousand classes has two megabytes
 MAX_ORDER = 5  # canonical shapes carry their moments up to it
 LARGEST = 1e100  # of a number in a model file: its square is one
 SMALLEST = 1e-50  # of a variance or threshold in a model file, likewise
 ROUNDING = 1e-9  # of what decimal digits may leave of a covariance's symmetry
-FAR = 30.0  # thresholds: beyond it, scores are 0 to all digits that count
+MOST_ODDS = 700.0  # logarithm: beyond it, their exponential is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,9 @@ class Recognition:
         To the nearest class's mean, in the metric of the total covariance.
     score : float
         How sure the label is, 0 to 1: the nearest class's share among all, by the spread of
-        held-back instances, times what falls from 1 at the class's mean to 1/2 at the threshold.
-        For ``unknown``, it rises from 1/2 at the threshold to 1 far away.
+        held-back instances, times the probability that the shape is of a known class at all, as
+        learned from instances and classes that were held back. For ``unknown``, what that
+        probability leaves.
     ranking : tuple of (label, distance, score)
         All classes, nearest first.
     canonical : CanonicalShape
@@ -81,6 +82,11 @@ class RecognitionModel:
         Distance from the nearest class, in its spreads, beyond which a shape is unknown.
     spreads : array, shape (classes,)
         How far held-back instances of each class are from its mean.
+    blur : float
+        Width, in distances, by which the classes share what lies between them.
+    certainty : float
+        How fast the log odds that a shape is of a known class rise inside the threshold, over the
+        distance in thresholds.
     """
 
     classes: tuple[str, ...]
@@ -89,6 +95,8 @@ class RecognitionModel:
     covariance: NDArray[np.float64]
     threshold: float
     spreads: NDArray[np.float64]
+    blur: float
+    certainty: float
     _whitening: NDArray[np.float64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -147,6 +155,8 @@ class RecognitionModel:
             covariance=learned.covariance,
             threshold=learned.threshold,
             spreads=learned.spreads,
+            blur=learned.blur,
+            certainty=learned.certainty,
         )
 
     def recognize(self, mesh_or_canonical: CanonicalShape | trimesh.Trimesh) -> Recognition:
@@ -172,8 +182,8 @@ class RecognitionModel:
         distances = distances_from_means(vectors, self.means, self._whitening).min(axis=0)
         nearest = int(np.argmin(distances))
         strayed = float(distances[nearest] / (self.threshold * self.spreads[nearest]))
-        nearness = 0.5 ** (min(strayed, FAR) ** 2)
-        scores = nearness * self._shares(distances)
+        familiarity = self._familiarity_at(strayed)
+        scores = familiarity * self._shares(distances)
         ranking = tuple(
             (self.classes[index], float(distances[index]), float(scores[index]))
             for index in np.argsort(distances, kind="stable")
@@ -184,14 +194,17 @@ class RecognitionModel:
             label=label if known else UNKNOWN,
             known=known,
             distance=distance,
-            score=score if known else 1.0 - nearness,
+            score=score if known else 1.0 - familiarity,
             ranking=ranking,
             canonical=canonical,
         )
 
+    def _familiarity_at(self, strayed: float) -> float:
+        return float(1.0 / (1.0 + np.exp(min(self.certainty * (strayed - 1.0), MOST_ODDS))))
+
     def _shares(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the classes' shares, the nearer the larger, were all equally wide."""
-        exponents = (distances**2 - distances.min() ** 2) / (2 * np.mean(self.spreads**2))
+        """Return the classes' shares, the nearer the larger; all classes are equally wide."""
+        exponents = (distances**2 - distances.min() ** 2) / (2 * self.blur**2)
         shares = np.exp(-exponents)
         return np.asarray(shares / shares.sum())
 
@@ -212,6 +225,8 @@ class RecognitionModel:
             "covariance": self.covariance.tolist(),
             "threshold": self.threshold,
             "spreads": self.spreads.tolist(),
+            "blur": self.blur,
+            "certainty": self.certainty,
         }
         target = Path(path)
         temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
@@ -293,7 +308,14 @@ def _from_content(content: object) -> RecognitionModel:
         raise ModelFormatError(
             f'Expected positive "threshold" and "spreads", got {threshold} and {spreads.min()}'
         )
-    return RecognitionModel(classes, indices, means, covariance, threshold, spreads)
+    blur, certainty = (float(_numbers(content, name, ())) for name in ("blur", "certainty"))
+    if min(blur, certainty) < SMALLEST:
+        raise ModelFormatError(
+            f'Expected positive "blur" and "certainty", got {blur} and {certainty}'
+        )
+    return RecognitionModel(
+        classes, indices, means, covariance, threshold, spreads, blur, certainty
+    )
 
 
 def _labels(value: object) -> tuple[str, ...]:
