@@ -27,19 +27,22 @@ from momrec_core import (
     normalize,
     surface_moments,
 )
+from momrec_core.trust import Verdicts, judge, reliability
 
 MESHES = Path(__file__).parents[2] / "meshes"
 NOISE = 0.01  # of the extent: vertices of simulated instances are off by so much
 
 SOUND = {
     "format": "momrec recognition model",
-    "version": 1,
+    "version": 2,
     "classes": ["a", "b"],
     "moments": [[2, 0, 0], [0, 2, 0]],
     "means": [[1.0, 2.0], [3.0, 4.0]],
     "covariance": [[1.0, 0.5], [0.5, 1.0]],
     "threshold": 2.0,
     "spreads": [0.5, 0.25],
+    "blur": 0.125,
+    "certainty": 6.0,
 }
 BOX = normalize(trimesh.creation.box((1.0, 2.0, 3.0)))
 TWO_CLASSES = RecognitionModel(
@@ -49,6 +52,8 @@ TWO_CLASSES = RecognitionModel(
     covariance=np.array(SOUND["covariance"]),
     threshold=SOUND["threshold"],
     spreads=np.array(SOUND["spreads"]),
+    blur=SOUND["blur"],
+    certainty=SOUND["certainty"],
 )
 
 
@@ -172,6 +177,20 @@ def test_the_farther_an_object_the_less_it_is_known_and_the_surer_it_is_unknown(
     assert unknown[-1] == pytest.approx(1.0)
 
 
+def test_scores_say_how_often_labels_are_right(objects: dict[str, trimesh.Trimesh]) -> None:
+    rng = np.random.default_rng(11)
+    labels = [label for label in objects for _ in range(10)]
+    shapes = [normalize(instance_of(objects[label], rng)) for label in labels]
+    learned = [index for index in range(len(labels)) if index % 10 < 6]
+    asked = [index for index in range(len(labels)) if index % 10 >= 6]
+    verdicts = []
+    for left_out in (None, *sorted(objects)[:3]):
+        rows = [index for index in learned if labels[index] != left_out]
+        model = RecognitionModel.fit([shapes[i] for i in rows], [labels[i] for i in rows])
+        verdicts.append(judge(model, [shapes[i] for i in asked], [labels[i] for i in asked]))
+    assert reliability(Verdicts.joined(verdicts)).error < 0.05
+
+
 @pytest.mark.parametrize("order", [2, 3, 4, 5])
 def test_a_model_uses_at_most_the_features_and_the_order_asked_for(
     objects: dict[str, trimesh.Trimesh], order: int
@@ -249,7 +268,8 @@ def test_classes_of_one_and_the_same_shape_are_equally_near(tmp_path: Path) -> N
     model = RecognitionModel.fit([somewhere(box, rng) for _ in range(4)], list("aabb"))
     model.save(tmp_path / "model.json")
     recognition = load_model(tmp_path / "model.json").recognize(box)
-    assert [entry[1:] for entry in recognition.ranking] == [(0.0, 0.5), (0.0, 0.5)]
+    assert [distance for _, distance, _ in recognition.ranking] == [0.0, 0.0]
+    assert [score for _, _, score in recognition.ranking] == pytest.approx([0.5, 0.5], abs=1e-3)
 
 
 def test_two_instances_of_two_classes_are_enough_to_rank(
@@ -295,7 +315,7 @@ def test_a_model_that_cannot_be_written_leaves_nothing_behind(
 
 DAMAGES = {
     "another format": {"format": "something else"},
-    "a later version": {"version": 2},
+    "a later version": {"version": 3},
     "no version": {"version": None},
     "classes that are no list": {"classes": "ab"},
     "classes twice": {"classes": ["a", "a"]},
@@ -306,7 +326,7 @@ DAMAGES = {
     "a class of two lines": {"classes": ["a", "b\n"]},
     "half a character": {"classes": ["a", "\ud800"]},
     "true as a version": {"version": True},
-    "a fractional version": {"version": 1.0},
+    "a fractional version": {"version": 2.0},
     "a long version": {"version": 10**4000},
     "no moments": {"moments": []},
     "a moment of order 6": {"moments": [[2, 0, 0], [6, 0, 0]]},
@@ -338,6 +358,8 @@ DAMAGES = {
     "an infinite threshold": {"threshold": float("inf")},
     "a negative spread": {"spreads": [0.5, -0.1]},
     "a spread too few": {"spreads": [0.5]},
+    "no blur": {"blur": 0.0},
+    "a certainty below zero": {"certainty": -1.0},
 }
 
 

@@ -136,7 +136,7 @@ def test_alternatives_are_tried_as_the_model_does():
     labels, meshes = shaken_boxes(0)
     shapes = [normalize(mesh) for mesh in meshes]
     instances = Instances.of_shapes(labels, shapes)
-    assert max(map(len, instances.candidates)) == 24
+    assert max(map(len, instances.candidates)) >= 24
     assert min(map(len, instances.candidates)) > 1
     split = random_split(instances.labels, 4, np.random.default_rng(0))
     names = model_names(instances, split, 3)
