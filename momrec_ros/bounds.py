@@ -115,7 +115,7 @@ def few_views_bounds(studies: Mapping[int, Study]) -> list[Bound]:
     Parameters
     ----------
     studies : mapping
-        Number of views to study, with trials of order 5.
+        Number of views to study, with trials of order 3.
 
     Returns
     -------
@@ -124,10 +124,10 @@ def few_views_bounds(studies: Mapping[int, Study]) -> list[Bound]:
     """
     if FEW_VIEWS not in studies:
         return []
-    trial = studies[FEW_VIEWS].free[5]
+    trial = studies[FEW_VIEWS].free[3]
     rates = 100 * trial.spread().test_mean
     bound = _rate(
-        f"{FEW_VIEWS} views, fifth order, test set, mean of {len(trial.splits)} splits, with "
+        f"{FEW_VIEWS} views, third order, test set, mean of {len(trial.splits)} splits, with "
         f"alternatives, {_best(rates)}",
         rates.max(),
         97.0,
