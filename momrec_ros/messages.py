@@ -223,7 +223,7 @@ class _Waiting(Generic[Half]):
 
     def expire(self, now: int, timeout: int) -> tuple[Rejected, ...]:
         for key, (arrived, half) in self._halves.items():
-            self._halves[key] = min(arrived, now), half
+            self._halves[key] = min(arrived or now, now), half
         late = [key for key, (arrived, _) in self._halves.items() if now - arrived > timeout]
         for key in late:
             del self._halves[key]
@@ -386,7 +386,8 @@ class ViewDecoder:
         Parameters
         ----------
         now, timeout : int
-            Nanoseconds. Should the clock have been set back, halves count as arrived now.
+            Nanoseconds. Should the clock have been set back, or not have been set (0), halves
+            count as arrived now.
         """
         return self._polygons.expire(now, timeout) + self._poses.expire(now, timeout)
 

@@ -36,6 +36,7 @@ __all__ = ["JOINT_OUTPUTS", "Activity", "Input", "Log", "Pace", "Pipeline"]
 MAX_WAITING_BYTES = 1 << 29  # of messages that wait to be read: seconds of any rig's contours
 POLL = 0.1  # seconds between looks at what may be overdue
 QUIET = 5.0  # seconds between log lines of one kind, so that a bad camera does not fill the disk
+BATCH = 1.0  # seconds of reading views, in a flood of them, after which a result is due
 SERVING = 0.05  # seconds between results for who came late, whose queue may be short
 # Outputs whose messages tell of all objects, and seconds between two of them at least: markers
 # are many and for people.
@@ -201,6 +202,7 @@ class Pipeline:
         self._starts = 0
         self._live: dict[str, _Live] = {}
         self._unsent: list[Sequence[Output]] = []
+        self._removals: list[Sequence[Output]] = []  # unsent, too
         self._owed: dict[str, set[str]] = {}  # object to outputs, for who came late
         self._serve_at = 0.0
         self._header: Header | None = None  # of the newest result
@@ -339,11 +341,14 @@ class Pipeline:
     def _step(self) -> None:
         while self._requests:
             self._requests.popleft()()
+        until = time.monotonic() + BATCH
         for _ in range(len(self._inbox)):  # those that come meanwhile wait for one result
             message = self._next_message()
             if message is None:
                 break
             self._use(message)
+            if time.monotonic() > until:
+                break
         if self._is_active:
             self._expire()
             self._publish_next()
@@ -433,11 +438,11 @@ class Pipeline:
         due = [
             name for name in JOINT_OUTPUTS if name in self._stale and self._joint_at(name) <= now
         ]
-        if self._header is not None:
-            self._send([self._joint(name) for name in due if self._is_wanted(name)])
         for name in due:
             self._stale.remove(name)
             self._joint_published[name] = now
+        if self._header is not None:
+            self._send([self._joint(name) for name in due if self._is_wanted(name)])
 
     def _joint_at(self, name: str) -> float:
         """Return when an output about all objects may be published next."""
@@ -465,12 +470,13 @@ class Pipeline:
         live = self._live.pop(object_id)
         self._owed.pop(object_id, None)
         if live.result is not None:
-            self._send([removed_message(object_id, live.result.stamp, live.result.frame_id)])
+            self._send_removal(live.result)
             self._stale.update(JOINT_OUTPUTS)
         if ended.cause is Cause.EVICTED:
-            self._log.warning(
+            self._tell(
+                ended.cause,
                 f"object {object_id!r} is evicted: expected at most max_objects at a time, "
-                "got a view of one more"
+                "got a view of one more",
             )
         elif ended.cause is Cause.TIMED_OUT:
             self._log.info(f"object {object_id!r} is ended: no view for object_timeout")
@@ -497,23 +503,31 @@ class Pipeline:
         names = self._owed.pop(object_id)
         self._send([output for output in self._live[object_id].outputs if output.name in names])
 
-    def _send(self, outputs: Sequence[Output]) -> None:
-        """Publish, or keep for later what a session still standing may not publish now."""
+    def _send(self, outputs: Sequence[Output], *, is_removal: bool = False) -> None:
+        """Publish, or keep for later; a reset overtakes all but removals."""
         with self._gate:
-            if self._starts != self._resets:
+            if self._starts != self._resets and not is_removal:
                 return
             if self._is_active:
                 self._publish(outputs)
             else:
-                self._unsent.append(outputs)
+                (self._removals if is_removal else self._unsent).append(outputs)
+
+    def _send_removal(self, result: Result) -> None:
+        object_id = result.result.object_id
+        removed = removed_message(object_id, result.stamp, result.frame_id)
+        self._send([removed], is_removal=True)
 
     def _take_pace(self, pace: Pace) -> None:
         self._pace = pace
 
     def _go_on(self) -> None:
         unsent, self._unsent = self._unsent, []
+        removals, self._removals = self._removals, []
         for outputs in unsent:
             self._send(outputs)
+        for outputs in removals:
+            self._send(outputs, is_removal=True)
         self._session.touch(self._clock())
 
     def _start_anew(self) -> None:
@@ -527,8 +541,7 @@ class Pipeline:
         self._owed = {}
         self._stale.update(JOINT_OUTPUTS)
         for result in gone:
-            object_id = result.result.object_id
-            self._send([removed_message(object_id, result.stamp, result.frame_id)])
+            self._send_removal(result)
 
     def _tell_overload(self) -> None:
         self._activity.tally.rejected[Reason.OVERLOAD] += 1

@@ -194,8 +194,8 @@ class Session:
         Parameters
         ----------
         now : int
-            Nanoseconds, of the same clock as for `feed`. Should it have been set back, objects
-            count as seen now.
+            Nanoseconds, of the same clock as for `feed`. Should it have been set back, or not
+            have been set (0), objects count as seen now.
         timeout : float
             Seconds; 0 for never.
 
@@ -205,7 +205,7 @@ class Session:
             Of the objects that are finished.
         """
         for object_id, tracked in tuple(self._tracked.items()):
-            tracked.seen_at = min(tracked.seen_at, now)
+            tracked.seen_at = min(tracked.seen_at or now, now)
             if 0 < timeout * NANOSECONDS < now - tracked.seen_at:
                 self._end(object_id, Cause.TIMED_OUT)
         return self._told()

@@ -266,11 +266,14 @@ def test_a_bound_is_held_where_the_mean_reaches_it(third, held):
     instances = Instances(labels, (), ())
     study = Study({}, (), instances, trials, trials)
     neighbour = Neighbour("b", "a", 1.0, 9.0, 1.0, 0.5)
-    bounds = paper_bounds(study, [neighbour])
+    better = Study({}, (), instances, {2: trial_of([92, 92, 96], labels, 2)}, {})
+    bounds = paper_bounds({5: better, 10: study, 20: better}, 10, [neighbour])
     assert [bound.held for bound in bounds] == held
     assert bounds[2].found == "92.00 %"
     assert "b taken for a (8)" in bounds[2].why
     assert "9.00 apart" in bounds[2].why
+    assert bounds[2].why.endswith("Seen in 20 views: 96.0 %.")
+    assert "5 views" not in bounds[2].why
 
 
 def test_neighbours_are_measured_in_the_total_covariance():

@@ -1,6 +1,5 @@
 """The node's worker thread: messages in at any time, results out in time."""
 
-import itertools
 import queue
 import threading
 from functools import partial
@@ -46,7 +45,7 @@ class Bench:
     """A pipeline whose outputs come to a queue, and whose clock is set by hand."""
 
     def __init__(self, pace=FAST, wanted=()):
-        self.now = 0
+        self.now = NANOSECONDS
         self.time = lambda: self.now
         self.log = Lines()
         self.sent = queue.Queue()
@@ -65,6 +64,19 @@ class Bench:
 
     def _time(self):
         return self.time()
+
+    def hold(self, waiting):
+        """Let the next message, of so many that wait, be at work until it may go on."""
+        is_at_work, may_go_on = threading.Event(), threading.Event()
+
+        def time():
+            if self.pipeline.activity().waiting < waiting:
+                is_at_work.set()
+                assert may_go_on.wait(LIMIT)
+            return self.now
+
+        self.time = time
+        return is_at_work, may_go_on
 
     def _publish(self, outputs):
         if outputs:
@@ -232,23 +244,51 @@ def test_what_a_reset_overtakes_is_not_published(make):
 
 def test_what_comes_after_a_reset_is_used_though_a_view_before_it_was_still_at_work(make):
     bench = make()
-    is_at_work, may_go_on = threading.Event(), threading.Event()
-    looks = itertools.count()
-
-    def time():
-        if next(looks):  # the first is that of the activation
-            is_at_work.set()
-            assert may_go_on.wait(LIMIT)
-        return 0
-
-    bench.time = time
     bench.receive(0, 1, 2, 3, 4)
+    is_at_work, may_go_on = bench.hold(5)
     bench.pipeline.activate()
     assert is_at_work.wait(LIMIT)
     bench.pipeline.reset()
     bench.receive(5, 6, 7)
     may_go_on.set()
     assert bench.until_views(3) == 1
+
+
+def test_an_object_that_ends_while_a_reset_waits_is_deleted_all_the_same(make):
+    bench = make()
+    bench.pipeline.activate()
+    bench.receive(0, 1)
+    bench.until_views(2)
+    bench.pipeline.deactivate()
+    bench.forget("box")
+    is_at_work, may_go_on = bench.hold(1)
+    bench.pipeline.activate()
+    assert is_at_work.wait(LIMIT)
+    bench.pipeline.deactivate()
+    bench.pipeline.reset()
+    may_go_on.set()
+    bench.pipeline.activate()
+    assert list(bench.next()) == ["mesh"]
+
+
+def test_results_come_while_more_views_wait_than_can_soon_be_read(make, monkeypatch):
+    monkeypatch.setattr("momrec_ros.pipeline.BATCH", 0.0)
+    bench = make()
+    bench.receive(*range(12))
+    bench.pipeline.activate()
+    assert bench.until_views(12) == 11
+
+
+def test_evictions_are_all_counted_but_told_once(make):
+    bench = make()
+    bench.pipeline.activate()
+    for number in range(20):
+        bench.receive(0, object_id=str(number))
+    bench.receive(0, 1)
+    bench.until_views(2)
+    assert bench.tally.ended == {Cause.EVICTED: 18}
+    (line,) = (line for line in bench.log.lines if "is evicted" in line)
+    assert line.startswith("object '0' is evicted")
 
 
 def test_an_object_at_its_end_has_its_last_result_and_then_a_deletion(make):
@@ -280,7 +320,7 @@ def test_objects_time_out_by_the_clock_that_is_given(make):
     bench.pipeline.activate()
     bench.receive(0, 1)
     bench.until_views(2)
-    bench.now = 6 * NANOSECONDS
+    bench.now = 7 * NANOSECONDS
     assert list(bench.next()) == ["mesh"]
     bench.receive(0, 1)  # by now the end is all done
     bench.until_views(2)

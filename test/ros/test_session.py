@@ -79,9 +79,9 @@ def test_an_object_without_a_view_for_too_long_is_finished(session):
 
 def test_a_clock_that_is_set_back_ends_nothing_before_its_time(session):
     show(session, "a", 1000, 0)
-    assert session.end_overdue(0, 10.0) == []
-    assert session.end_overdue(10 * NANOSECONDS, 10.0) == []
-    assert len(session.end_overdue(10 * NANOSECONDS + 1, 10.0)) == 2
+    assert session.end_overdue(NANOSECONDS, 10.0) == []
+    assert session.end_overdue(11 * NANOSECONDS, 10.0) == []
+    assert len(session.end_overdue(11 * NANOSECONDS + 1, 10.0)) == 2
     show(session, "b", 0, 0)
     session.touch(2000 * NANOSECONDS)
     assert session.end_overdue(2010 * NANOSECONDS, 10.0) == []
@@ -166,3 +166,9 @@ def test_a_view_beyond_the_most_is_counted_under_its_reason():
         [Reason.EXCESS],
         [Reason.EXCESS],
     ]
+
+
+def test_an_object_seen_before_its_clock_was_set_counts_as_seen_when_it_is(session):
+    show(session, "a", 0)
+    assert session.end_overdue(100 * NANOSECONDS, 5.0) == []
+    assert told(session.end_overdue(106 * NANOSECONDS, 5.0))[-1] == ("a", "timed_out")
