@@ -15,6 +15,7 @@ from momrec_ros.experiment import Plan, study
 from momrec_ros.shared_data import shared_path
 from momrec_ros.terminal import Terminal
 from momrec_ros.training import find_classes
+from momrec_ros.workers import shared_map
 
 MORE = ((5, 64), (20, 64), (40, 64), (10, 128))  # views and slices
 
@@ -31,7 +32,8 @@ def main() -> None:
     second = []
     for seed, views, slices in [*draws, *((0, *pair) for pair in MORE)]:
         plan = Plan(seed, options.splits, views, slices, options.workers)
-        found = study(classes, plan, Terminal(), orders=(2, 3))
+        with shared_map(options.workers) as apply:
+            found = study(classes, plan, Terminal(), apply, orders=(2, 3))
         alike = found.ruled[2]
         rates = 100 * alike.spread().test_mean
         second.append(rates[-1])

@@ -282,7 +282,12 @@ class _Gathered:
 
 def _refined(hull: VisualHull, view: View) -> VisualHull:
     refined = copy.copy(hull)
-    refined.add(view)
+    try:
+        refined.add(view)
+    except RuntimeError as error:  # manifold3d's: numbers out of its range
+        raise EmptyHullError(
+            f"Expected a view of the object's size and place, got one far off: {error}"
+        ) from error
     if refined.emptied_by is not None:
         raise EmptyHullError(
             "Expected a view that meets the object as seen so far, got one that leaves nothing "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import trimesh
@@ -21,7 +22,8 @@ from momrec_core.stepwise import (
 )
 from momrec_core.trust import Verdicts, judge
 from momrec_ros.terminal import Terminal
-from momrec_ros.training import reconstructed_instances
+from momrec_ros.training import mapped_instances
+from momrec_ros.workers import Map
 
 __all__ = ["ORDERS", "Plan", "Spread", "Study", "Trial", "Trust", "study", "trust"]
 
@@ -161,6 +163,7 @@ def study(
     classes: Mapping[str, Sequence[trimesh.Trimesh]],
     plan: Plan,
     terminal: Terminal,
+    apply: Map = map,
     *,
     orders: Sequence[int] = ORDERS,
 ) -> Study:
@@ -174,6 +177,8 @@ def study(
         How.
     terminal : Terminal
         Shows the progress.
+    apply : callable
+        ``map``, or that of a pool of workers.
     orders : sequence of int
         Highest orders of the moments to recognise by.
 
@@ -181,13 +186,13 @@ def study(
     -------
     study : Study
     """
-    rebuilt = reconstructed_instances(
+    rebuilt = mapped_instances(
         classes,
+        apply,
         instances=INSTANCES,
         views=plan.views,
         slices=plan.slices,
         seed=plan.seed,
-        workers=plan.workers,
     )
     pairs = list(terminal.progress(rebuilt, "reconstructing", len(classes) * INSTANCES))
     shapes = tuple(shape for _, shape in pairs)
@@ -197,7 +202,10 @@ def study(
         for number in range(plan.splits)
     )
     ruled, free = (
-        {order: _trial(instances.up_to(order), order, splits, method, terminal) for order in orders}
+        {
+            order: _trial(instances, order, splits, method, terminal=terminal, apply=apply)
+            for order in orders
+        }
         for method in (paper_names, model_names)
     )
     models = {label: meshes[0] for label, meshes in classes.items()}
@@ -205,11 +213,17 @@ def study(
 
 
 def _trial(
-    instances: Instances, order: int, splits: tuple[Split, ...], method: Method, terminal: Terminal
+    instances: Instances,
+    order: int,
+    splits: tuple[Split, ...],
+    method: Method,
+    *,
+    terminal: Terminal,
+    apply: Map,
 ) -> Trial:
-    shown = terminal.progress(splits, f"recognising, order {order}", len(splits))
-    names = tuple(method(instances, split) for split in shown)
-    return Trial(order, instances.labels, splits, names)
+    named = apply(partial(method, instances.up_to(order)), splits)
+    names = terminal.progress(named, f"recognising, order {order}", len(splits))
+    return Trial(order, instances.labels, splits, tuple(names))
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,6 +55,7 @@ from momrec_ros.rate_figures import (
 from momrec_ros.shared_data import shared_path
 from momrec_ros.terminal import Terminal
 from momrec_ros.training import find_classes
+from momrec_ros.workers import Map, shared_map
 
 __all__ = ["Objects", "write_experiment"]
 
@@ -197,7 +198,9 @@ def write_experiment(
     OSError
         If a file cannot be written.
     """
-    studies = _studies(objects, plan, terminal)
+    with shared_map(plan.workers) as apply:
+        studies = _studies(objects, plan, terminal, apply)
+        ambiguous = _ambiguous_study(objects, plan, terminal, apply)
     found = studies[plan.views]
     write_first_split(found.ruled, folder / "table1.csv")
     write_spread(found.ruled, folder / "table1_splits.csv")
@@ -207,7 +210,7 @@ def write_experiment(
     sections += _figure_sections(found, folder, terminal)
     for more_sections, more_bounds in (
         _view_count_sections(studies, folder),
-        _near_tie_sections(objects, plan, folder, terminal),
+        _near_tie_sections(ambiguous, folder),
         _trust_sections(found, folder, terminal),
     ):
         sections += more_sections
@@ -217,14 +220,23 @@ def write_experiment(
     return found, bounds
 
 
-def _studies(objects: Objects, plan: Plan, terminal: Terminal) -> dict[int, Study]:
+def _studies(objects: Objects, plan: Plan, terminal: Terminal, apply: Map) -> dict[int, Study]:
     """Do the experiment as planned, and with other numbers of views; return them by these."""
-    studies = {plan.views: study(objects.classes, plan, terminal)}
+    studies = {plan.views: study(objects.classes, plan, terminal, apply)}
     for views in objects.view_counts:
         if views not in studies:
             other = replace(plan, views=views)
-            studies[views] = study(objects.classes, other, terminal, orders=VIEW_COUNT_ORDERS)
+            studies[views] = study(
+                objects.classes, other, terminal, apply, orders=VIEW_COUNT_ORDERS
+            )
     return dict(sorted(studies.items()))
+
+
+def _ambiguous_study(objects: Objects, plan: Plan, terminal: Terminal, apply: Map) -> Study | None:
+    """Do the experiment with objects whose frames are ambiguous, if there are any."""
+    if not objects.ambiguous:
+        return None
+    return study(objects.ambiguous, plan, terminal, apply, orders=NEAR_TIE_ORDERS)
 
 
 def _recognition_sections(
@@ -308,13 +320,10 @@ def _view_count_panel(studies: Mapping[int, Study]) -> RatePanel:
     return RatePanel("number of views", tuple(studies), tuple(drawn))
 
 
-def _near_tie_sections(
-    objects: Objects, plan: Plan, folder: Path, terminal: Terminal
-) -> tuple[list[str], list[Bound]]:
-    """Do the experiment with objects whose frames are ambiguous, if there are any."""
-    if not objects.ambiguous:
+def _near_tie_sections(found: Study | None, folder: Path) -> tuple[list[str], list[Bound]]:
+    """Show what comes of objects whose frames are ambiguous, if there are any."""
+    if found is None:
         return [], []
-    found = study(objects.ambiguous, plan, terminal, orders=NEAR_TIE_ORDERS)
     gallery, rates = folder / "near_ties.png", folder / "near_ties_rates.png"
     write_spread(found.ruled, folder / "near_ties_splits.csv")
     write_spread(found.free, folder / "near_ties_splits_alternatives.csv")

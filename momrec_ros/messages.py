@@ -49,6 +49,7 @@ PROJECTIONS = ("auto", "orthographic", "central")
 NORM_TOLERANCE = 1e-2  # of a quaternion: what publishers that print few digits are off
 MAX_POINTS = 1_000_000  # a view: far above any contour, far below what fills the memory
 MAX_RINGS = 10_000  # a view: likewise
+MAX_NAME = 1000  # characters of an object or frame: outputs repeat both, for every contour
 MAX_PENDING = 64  # halves of pairs that wait: seconds of a fast camera
 RING_WIDTH = 0.002  # metres, of the drawn line
 RING_COLOR = (1.0, 0.6, 0.0, 1.0)
@@ -191,7 +192,8 @@ def _agree(values: Sequence[object], field: Reason) -> None:
         if value != values[0]:
             raise MessageError(
                 field,
-                f"Expected one {field} in all markers of a message, got {values[0]} and {value}",
+                f"Expected one {field} in all markers of a message, got {values[0]!r:.200} and "
+                f"{value!r:.200}",
             )
 
 
@@ -313,7 +315,7 @@ class ViewDecoder:
             if not markers:
                 raise MessageError(Reason.EMPTY, "Expected at least one marker, got an empty array")
         except MomrecError as error:
-            return (_rejected(first.ns, error, first.header.stamp),)
+            return (_rejected(first.ns[:MAX_NAME], error, first.header.stamp),)
         forgotten = (marker.ns for marker in markers if marker.action == MarkerAction.DELETEALL)
         return tuple(Forget(ns) for ns in dict.fromkeys(forgotten))
 
@@ -417,6 +419,11 @@ class ViewDecoder:
             raise MessageError(
                 Reason.POINTS, f"Expected points, got {len(rings)} rings without any"
             )
+        for reason, name in ((Reason.NS, object_id), (Reason.FRAME, header.frame_id)):
+            if len(name) > MAX_NAME:
+                raise MessageError(
+                    reason, f"Expected a name of at most {MAX_NAME} characters, got {len(name)}"
+                )
         if not header.frame_id:
             raise MessageError(Reason.FRAME, "Expected the name of the world frame, got none")
         if header.frame_id != (self._world_frame or header.frame_id):

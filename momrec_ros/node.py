@@ -18,6 +18,7 @@ from geometry_msgs.msg import PolygonStamped, PoseStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import (
     LifecycleNode,
@@ -80,10 +81,9 @@ class RecognizerNode(LifecycleNode):
     """
 
     def __init__(self) -> None:
-        super().__init__(
-            NAME, automatically_declare_parameters_from_overrides=True, enable_logger_service=True
-        )
-        self._problems, unknown = declare_parameters(self, NODE_PARAMETERS)
+        super().__init__(NAME, enable_logger_service=True)
+        given = {name: given.value for name, given in self._parameter_overrides.items()}
+        self._problems, unknown = declare_parameters(self, NODE_PARAMETERS, given)
         if unknown:
             known = ", ".join(parameter.name for parameter in NODE_PARAMETERS)
             self.get_logger().warning(
@@ -412,6 +412,12 @@ def _profile(qos: QoSProfile) -> str:
     return f"{qos.reliability.name.lower()}, {qos.durability.name.lower()}"
 
 
+def _failed(error: Exception) -> int:
+    """Tell in one line why the node cannot be; return the exit code."""
+    sys.stderr.write(f"{NAME}: {' '.join(str(error).split())}\n")
+    return FAILED
+
+
 def run() -> int:
     """Run the node until a signal comes; return the exit code."""
     signals: list[int] = []
@@ -420,8 +426,7 @@ def run() -> int:
     try:
         rclpy.init(args=sys.argv)  # its handlers end the context, and call the ones before
     except Exception as error:  # noqa: BLE001 - rcl's own errors, of several kinds
-        sys.stderr.write(f"{NAME}: {' '.join(str(error).split())}\n")
-        return FAILED
+        return _failed(error)
     nodes: list[RecognizerNode] = []
     try:
         nodes.append(RecognizerNode())
@@ -433,6 +438,8 @@ def run() -> int:
         executor.spin()
     except ExternalShutdownException:
         pass
+    except ParameterException as error:  # of use_sim_time, which is not declared here
+        return _failed(error)
     except Exception:
         if not signals:  # without a context whatever was under way fails
             raise

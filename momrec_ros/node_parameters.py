@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -16,16 +16,20 @@ OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_override
 
 
 def declare_parameters(
-    node: Node, parameters: Iterable[Parameter[Any]]
+    node: Node, parameters: Iterable[Parameter[Any]], given: Mapping[str, Any]
 ) -> tuple[dict[str, str], tuple[str, ...]]:
     """Declare parameters, with the values that the node was started with where they will do.
+
+    What rclpy declares by itself may have no value (an empty list, null), which it fails at.
 
     Parameters
     ----------
     node : Node
-        Made with ``automatically_declare_parameters_from_overrides``.
+        Without these parameters so far.
     parameters : iterable of Parameter
         Those that the node knows.
+    given : mapping
+        Name to the value that the node was started with.
 
     Returns
     -------
@@ -34,13 +38,11 @@ def declare_parameters(
     unknown : tuple of str
         Names of given parameters that the node does not know.
     """
-    given = {name: node.get_parameter(name).value for name in node.get_parameters_by_prefix("")}
     problems = {}
     for parameter in parameters:
         value = parameter.default
         if parameter.name in given:
             problem = parameter.problem_with(given[parameter.name])
-            node.undeclare_parameter(parameter.name)
             if problem:
                 problems[parameter.name] = problem
             else:  # whole numbers will do for doubles
@@ -50,8 +52,6 @@ def declare_parameters(
     unknown = tuple(
         name for name in given if name not in known and not name.startswith(OF_EVERY_NODE)
     )
-    for name in unknown:
-        node.undeclare_parameter(name)
     return problems, unknown
 
 

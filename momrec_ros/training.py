@@ -19,9 +19,15 @@ from momrec_core.hull import reconstruct
 from momrec_core.model import UNKNOWN, RecognitionModel
 from momrec_core.simulation import simulate_instance
 from momrec_ros.files import MESH_INPUTS, read_mesh
-from momrec_ros.workers import worker_pool
+from momrec_ros.workers import Map, shared_map
 
-__all__ = ["ClassRate", "find_classes", "recognition_rates", "reconstructed_instances"]
+__all__ = [
+    "ClassRate",
+    "find_classes",
+    "mapped_instances",
+    "recognition_rates",
+    "reconstructed_instances",
+]
 
 FOLDS = 5  # of the cross-validation: each model learns from four fifths
 JOBS_PER_WORKER = 16  # below, starting a process takes longer than it saves
@@ -122,6 +128,43 @@ def reconstructed_instances(
     label, shape : str, CanonicalShape
         Class by class, as soon as each is done.
     """
+    make = partial(
+        mapped_instances,
+        classes,
+        instances=instances,
+        views=views,
+        slices=slices,
+        noise=noise,
+        seed=seed,
+    )
+    with shared_map(min(workers, len(classes) * instances // JOBS_PER_WORKER)) as apply:
+        yield from make(apply)
+
+
+def mapped_instances(
+    classes: Mapping[str, Sequence[trimesh.Trimesh]],
+    apply: Map,
+    *,
+    instances: int,
+    views: int,
+    slices: int,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> Iterator[tuple[str, CanonicalShape]]:
+    """Do as `reconstructed_instances` does, with workers that are there already.
+
+    Parameters
+    ----------
+    classes, instances, views, slices, noise, seed
+        As for `reconstructed_instances`.
+    apply : callable
+        ``map``, or that of a pool.
+
+    Yields
+    ------
+    label, shape : str, CanonicalShape
+        Class by class, as soon as each is done.
+    """
     labels = [label for label in classes for _ in range(instances)]
     meshes = [
         of_class[number % len(of_class)]
@@ -130,12 +173,7 @@ def reconstructed_instances(
     ]
     seeds = [(seed, *pair) for pair in product(range(len(classes)), range(instances))]
     rebuild = partial(_rebuilt, views=views, slices=slices, noise=noise)
-    workers = min(workers, len(labels) // JOBS_PER_WORKER)
-    if workers < 2:
-        yield from zip(labels, map(rebuild, meshes, seeds), strict=True)
-        return
-    with worker_pool(workers) as pool:
-        yield from zip(labels, pool.map(rebuild, meshes, seeds), strict=True)
+    yield from zip(labels, apply(rebuild, meshes, seeds), strict=True)
 
 
 def _rebuilt(

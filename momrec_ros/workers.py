@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from momrec_core.recognizer import ObjectResult
 from momrec_ros.figures import draw_object
 
-__all__ = ["FigureDrawer", "worker_pool"]
+__all__ = ["FigureDrawer", "Map", "shared_map", "worker_pool"]
+
+Map = Callable[..., Iterator[Any]]  # what ``map`` is, or does in other processes
 
 MOST_WAITING = 2  # pictures that the other process has to draw; more are drawn in this one
 
@@ -58,6 +60,27 @@ def _start(pool: ProcessPoolExecutor, workers: int) -> None:
 
 def _nothing() -> None:
     """Be the first task of a worker."""
+
+
+@contextmanager
+def shared_map(workers: int) -> Iterator[Map]:
+    """Give what maps a function over arguments, in processes if there may be several.
+
+    Parameters
+    ----------
+    workers : int
+        Number of processes; for one the work is done in this one.
+
+    Yields
+    ------
+    apply : callable
+        Takes a function and iterables of its arguments, returns the results in order.
+    """
+    if workers < 2:
+        yield map
+        return
+    with worker_pool(workers) as pool:
+        yield pool.map
 
 
 class FigureDrawer:

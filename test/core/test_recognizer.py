@@ -111,6 +111,22 @@ def test_one_contradicting_view_is_counted_and_costs_nothing_else(position):
     assert result.volume == pytest.approx(reconstruct(views, SLICES).mesh().volume, rel=0.02)
 
 
+def test_views_too_far_off_to_be_computed_with_give_way_to_the_majority():
+    recognizer = Recognizer(slices=SLICES)
+    views = box_views()
+    for view in views[:2]:
+        pose = view.camera.pose.copy()
+        pose[:3, 3] += 1e13
+        recognizer.add_view("box", View.from_rings(Camera.orthographic(pose), view.rings))
+    for view in views[:3]:
+        with pytest.raises(EmptyHullError, match=r"far off|leaves nothing"):
+            recognizer.add_view("box", view)
+    for view in views[3:]:
+        recognizer.add_view("box", view)
+    expected = filled(views).result("box").volume
+    assert recognizer.result("box").volume == pytest.approx(expected, rel=1e-9)
+
+
 def test_a_view_that_was_rejected_leaves_the_result_as_it_was():
     views = box_views()
     recognizer = filled(views)

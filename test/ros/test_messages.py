@@ -193,6 +193,26 @@ def test_too_many_points_are_refused():
     assert isinstance(events_of(RING, max_points=4)[0], StampedView)
 
 
+def test_names_are_of_limited_length():
+    longest = 1000 * "n"
+    (event,) = events_of(replace(RING, ns=longest, header=Header(1, longest)))
+    assert isinstance(event, StampedView)
+    for field, changed in {
+        "ns": {"ns": longest + "n"},
+        "frame": {"header": Header(1, longest + "n")},
+    }.items():
+        event = rejection_of(replace(RING, **changed))
+        assert event.reason == field
+        assert "at most 1000 characters, got 1001" in event.text
+        assert len(event.object_id) <= 1000
+
+
+def test_names_in_what_is_told_of_a_message_stay_in_one_line():
+    event = rejection_of(RING, replace(RING, ns="a\nb"))
+    assert event.reason == "ns"
+    assert "\n" not in event.text
+
+
 def test_deletions_beside_a_ring_are_housekeeping():
     stale = replace(RING, header=Header(1, "other"), ns="ball", action=MarkerAction.DELETE)
     (event,) = events_of(replace(stale, action=MarkerAction.DELETEALL), stale, RING)

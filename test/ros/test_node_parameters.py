@@ -95,16 +95,26 @@ def test_wrong_values_of_the_command_line_refuse_configure_until_they_are_set_ri
 
 def test_wrong_values_of_a_params_file_refuse_configure(graph, tmp_path):
     path = tmp_path / "params.yaml"
-    given = WRONG | {"autostart": False, "max_objects": 5, "object_timeout": 3, "speed": 1}
+    right = {"autostart": False, "max_objects": 5, "object_timeout": 3}
+    given = WRONG | right | {"speed": 1, "world_frame": []}
     path.write_text(yaml.safe_dump({"recognizer": {"ros__parameters": given}}))
     node = graph.start("--params-file", str(path))
     assert not graph.change("configure")
     (line,) = graph.await_line(node, REFUSAL)
-    assert all(f"expected {name} as " in line for name in WRONG)
+    assert all(f"expected {name} as " in line for name in (*WRONG, "world_frame"))
     graph.await_line(node, "unknown parameters are ignored: .* got speed")
     request = GetParameters.Request(names=["max_objects", "object_timeout", "slices"])
     values = graph.call("get_parameters", GetParameters, request).values
     assert [parameter_value_to_python(value) for value in values] == [5, 3.0, 64]
+
+
+@pytest.mark.parametrize("value", [3, []])
+def test_a_wrong_use_sim_time_ends_the_node_in_one_line(graph, value):
+    node = graph.start(use_sim_time=value)
+    assert node.process.wait(graphs.LIMIT) == 1
+    node.close()
+    (line,) = node.lines
+    assert "use_sim_time" in line
 
 
 def broken_models(folder):

@@ -180,11 +180,13 @@ def test_the_outputs_of_one_result_share_their_stamp_and_go_out_in_order(graph):
     graph.start(slices=8, publish_rate=1000.0)
     inboxes = {name: graph.listen(name, kind) for name, kind in TYPES.items()}
     publisher = graph.start_publisher()
+    shown = {}
     for view in box_views(6):
         for object_id in "abc":
-            publisher.publish(view_message(view, object_id, stamp := next(graphs.stamps)))
+            shown[object_id] = next(graphs.stamps)
+            publisher.publish(view_message(view, object_id, shown[object_id]))
     recognitions = inboxes["recognition"].messages
-    graph.until(lambda: last_stamps(recognitions).get("c") == stamp, "the last result")
+    graph.until(lambda: last_stamps(recognitions) == shown, "the last results")
     for inbox in inboxes.values():
         graph.until(lambda inbox=inbox: len(inbox.messages) == len(recognitions), "all outputs")
     headers = [
