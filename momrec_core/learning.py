@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Learned", "learn"]
 
+METRIC = "within"  # the paper's, "total", lets what varies by noise alone count as much
 ALIGNING_ROUNDS = 10  # in which the instances of a class find their common frame
 FOLDS = 5  # of the cross-validation that the threshold is learned from
 KNOWN_QUANTILE = 0.99  # of the held-back distances lies below the threshold, before its margin
@@ -48,7 +49,7 @@ class Learned:
         The features in use, in the order of their selection.
     means : array, shape (classes, selected)
     covariance : array, shape (selected, selected)
-        T, of all instances.
+        Of the metric: within classes, with a little of T.
     threshold : float
         Distance, in spreads of the nearest class, beyond which an instance belongs to none.
     spreads : array, shape (classes,)
@@ -97,7 +98,7 @@ def learn(
     varies = _varies(np.concatenate(candidates), indices)
     X = _aligned([np.where(varies, vectors, 0.0) for vectors in candidates], y)
     selected = StepwiseSelector(max_features).fit(X, y).selected_
-    classifier = MinimumDistanceClassifier().fit(X[:, selected], y)
+    classifier = MinimumDistanceClassifier(METRIC).fit(X[:, selected], y)
     members = np.searchsorted(classifier.classes_, y)
     distances = _held_back_distances(X, y, max_features)
     held_back = distances[np.arange(len(members)), members]
@@ -167,7 +168,7 @@ def _held_back_distances(
     distances = np.empty((len(X), len(labels)))
     for learned, held_back in folds.split(X, y):
         chosen = StepwiseSelector(max_features).fit(X[learned], y[learned]).selected_
-        classifier = MinimumDistanceClassifier().fit(X[np.ix_(learned, chosen)], y[learned])
+        classifier = MinimumDistanceClassifier(METRIC).fit(X[np.ix_(learned, chosen)], y[learned])
         distances[held_back] = classifier.distances(X[np.ix_(held_back, chosen)])
     return distances
 
@@ -208,7 +209,7 @@ def _strays(
         rows = learned[~left_out[learned]]
         asked = np.union1d(held_back, np.flatnonzero(left_out))
         chosen = StepwiseSelector(max_features).fit(X[rows], y[rows]).selected_
-        classifier = MinimumDistanceClassifier().fit(X[np.ix_(rows, chosen)], y[rows])
+        classifier = MinimumDistanceClassifier(METRIC).fit(X[np.ix_(rows, chosen)], y[rows])
         distances = classifier.distances(X[np.ix_(asked, chosen)])
         nearest = classifier.classes_[distances.argmin(axis=1)]
         strays.append(distances.min(axis=1) / np.array([reach[label] for label in nearest]))

@@ -44,7 +44,7 @@ class Recognition:
     known : bool
         Whether the nearest class is near enough.
     distance : float
-        To the nearest class's mean, in the metric of the total covariance.
+        To the nearest class's mean, in the metric of the covariance within classes.
     score : float
         How sure the label is, 0 to 1: the nearest class's share among all, by the spread of
         held-back instances, times the probability that the shape is of a known class at all, as
@@ -77,7 +77,7 @@ class RecognitionModel:
     means : array, shape (classes, moments)
         Of each class.
     covariance : array, shape (moments, moments)
-        T, of all training instances.
+        Of the training instances about their class's mean, with a hundredth of T.
     threshold : float
         Distance from the nearest class, in its spreads, beyond which a shape is unknown.
     spreads : array, shape (classes,)
