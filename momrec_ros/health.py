@@ -74,6 +74,7 @@ def _values(activity: Activity, unreceived: int) -> tuple[tuple[str, str], ...]:
     }
     return (
         ("world_frame", activity.world_frame),
+        ("last_loss", activity.last_loss),
         *((key, str(count)) for key, count in counts.items()),
         ("delay_ms", f"{1e3 * activity.delay:.1f}"),
         ("longest_delay_ms", f"{1e3 * activity.longest_delay:.1f}"),

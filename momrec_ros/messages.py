@@ -326,7 +326,9 @@ class ViewDecoder:
         kinds = {marker.type for marker in markers}
         if kinds != {MarkerType.LINE_STRIP}:
             raise MessageError(
-                Reason.TYPE, f"Expected markers of type LINE_STRIP (4) only, got {sorted(kinds)}"
+                Reason.TYPE,
+                f"Expected markers of type LINE_STRIP ({MarkerType.LINE_STRIP:d}) only, got type "
+                f"{' and '.join(map(str, sorted(kinds)))}",
             )
         return self._stamped(
             markers[0].ns,

@@ -76,8 +76,8 @@ class RecognizerNode(LifecycleNode):
     """Contours with camera poses in; meshes, principal frames and class labels out.
 
     Configuring checks the parameters and loads the model, activating subscribes, deactivating
-    keeps what was gathered, cleaning up frees it. Topics, services and parameters are listed in
-    the README.
+    keeps what was gathered, cleaning up frees it. The README lists topics, services and parameters;
+    what happens to views and results is told by `Pipeline`.
     """
 
     def __init__(self) -> None:
@@ -133,7 +133,8 @@ class RecognizerNode(LifecycleNode):
                 raise MomrecError("; ".join(self._problems.values()))
             pipeline = self._make_pipeline()
         except (ValueError, OSError) as error:
-            self._refusal = f"cannot be configured: {' '.join(str(error).split())}"
+            reason = " ".join(str(error).split())
+            self._refusal = f"cannot be configured: {reason[:1].lower()}{reason[1:]}"
             self.get_logger().error(self._refusal)
             return TransitionCallbackReturn.FAILURE
         self._refusal = ""
@@ -157,6 +158,8 @@ class RecognizerNode(LifecycleNode):
         self._destroy_inputs()
         self._running.deactivate()
         self._state = "inactive"
+        kept = self._running.activity().objects
+        self.get_logger().info(f"inactive: objects kept: {kept}")
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -216,7 +219,9 @@ class RecognizerNode(LifecycleNode):
     def _load_model(self) -> RecognitionModel | None:
         path = self._value(parameters.MODEL)
         if path:
-            return load_model(_model_file(path))
+            model = load_model(_model_file(path))
+            self.get_logger().info(f"model {path}: {len(model.classes)} classes")
+            return model
         self.get_logger().info("no model: objects are reconstructed and normalised, but not named")
         return None
 

@@ -44,6 +44,7 @@ __all__ = [
     "RESULT_TYPES",
     "UNKNOWN",
     "Output",
+    "cleared_message",
     "markers_message",
     "object_markers",
     "removed_message",
@@ -197,6 +198,11 @@ def removed_message(object_id: str, stamp: int, frame_id: str) -> Output:
     """
     header = Header(stamp, frame_id)
     return _output("mesh", encode_marker(Marker(header, object_id, action=MarkerAction.DELETE)))
+
+
+def cleared_message(header: Header) -> Output:
+    """Write that there are no objects any more, for the displays of ``~/mesh``."""
+    return _output("mesh", encode_marker(Marker(header, action=MarkerAction.DELETEALL)))
 
 
 def _output(name: str, data: bytes) -> Output:

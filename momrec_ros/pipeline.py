@@ -23,6 +23,7 @@ from momrec_ros.interfaces import Header, MarkerBlock, encode_detection_array
 from momrec_ros.messages import Event, StampedView, ViewDecoder
 from momrec_ros.outputs import (
     Output,
+    cleared_message,
     markers_message,
     object_markers,
     removed_message,
@@ -106,6 +107,8 @@ class Activity:
         result, and the longest.
     world_frame : str
         Empty before the first view.
+    last_loss : str
+        What could not be used last, and why.
     """
 
     received: int = 0
@@ -117,6 +120,7 @@ class Activity:
     delay: float = 0.0
     longest_delay: float = 0.0
     world_frame: str = ""
+    last_loss: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -533,15 +537,15 @@ class Pipeline:
     def _start_anew(self) -> None:
         with self._gate:
             self._starts = self._resets
-        gone = [live.result for live in self._live.values() if live.result is not None]
+        self._activity.tally.ended[Cause.FORGOTTEN] += len(self._session.objects)
         self._session = self._make_session(self._activity.tally)
         self._decoder = self._make_decoder()
         self._live = {}
         self._unsent = []
         self._owed = {}
         self._stale.update(JOINT_OUTPUTS)
-        for result in gone:
-            self._send_removal(result)
+        if self._header is not None:
+            self._send([cleared_message(self._header)], is_removal=True)
 
     def _tell_overload(self) -> None:
         self._activity.tally.rejected[Reason.OVERLOAD] += 1
@@ -552,6 +556,7 @@ class Pipeline:
 
     def _tell(self, kind: object, text: str) -> None:
         """Log a line, but not one of a kind every time."""
+        self._activity.last_loss = text
         now = time.monotonic()
         told_at, hushed = self._told.get(kind, (-QUIET, 0))
         if now - told_at < QUIET:

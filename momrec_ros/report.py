@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 from rich.text import Text
-from scipy.spatial.transform import Rotation
+
+from momrec_ros.messages import pose_from_matrix
 
 if TYPE_CHECKING:
     from momrec_core.recognizer import ObjectResult
@@ -35,7 +36,7 @@ def json_line(result: ObjectResult) -> str:
         rejected_views. Without a model label is "unknown", distance and score are null.
     """
     recognition, canonical = result.recognition, result.canonical
-    pose = canonical.principal_frame
+    pose = pose_from_matrix(canonical.principal_frame)
     return json.dumps(
         {
             "object": result.object_id,
@@ -48,8 +49,8 @@ def json_line(result: ObjectResult) -> str:
             "area": result.area,
             "volume": result.volume,
             "scale": float(canonical.scale),
-            "position": pose[:3, 3].tolist(),
-            "orientation": Rotation.from_matrix(pose[:3, :3]).as_quat().tolist(),
+            "position": list(pose.position),
+            "orientation": list(pose.orientation),
             "unique_frame": bool(canonical.is_unique),
             "rejected_views": result.rejected_views,
         },

@@ -289,10 +289,12 @@ class Session:
 
     def _lose(self, object_id: str, stamp: int, why: str, reason: Reason) -> None:
         self._tally.rejected[reason] += 1
-        seconds = stamp / NANOSECONDS
-        self._outcomes.append(
-            Lost(f"view of object {object_id!r} at {seconds:.3f} s left out: {why}", reason)
-        )
+        what = f"view of object {object_id!r} at {stamp / NANOSECONDS:.3f} s"
+        if reason is Reason.PAIR:
+            what = "half a view"
+        elif not (object_id or stamp):
+            what = "message"
+        self._outcomes.append(Lost(f"{what} left out: {why}", reason))
 
     def _told(self) -> list[Outcome]:
         outcomes, self._outcomes = self._outcomes, []

@@ -163,7 +163,7 @@ def test_a_model_that_cannot_be_loaded_refuses_configure_in_one_line_until_it_is
 def test_limits_that_contradict_each_other_refuse_configure(unconfigured):
     assert unconfigured.graph.set(min_views=10, max_views=5) == ["", ""]
     assert not unconfigured.graph.change("configure")
-    pattern = "cannot be configured: Expected max_views of at least 10, got 5"
+    pattern = "cannot be configured: expected max_views of at least 10, got 5"
     unconfigured.graph.await_line(unconfigured.node, pattern)
 
 

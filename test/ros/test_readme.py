@@ -23,7 +23,7 @@ README = (ROOT / "README.md").read_text()
 def test_the_library_in_ten_lines_runs(tmp_path, monkeypatch, capsys):
     (tmp_path / "models").symlink_to(ROOT / "models")
     monkeypatch.chdir(tmp_path)
-    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    code, _ = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     exec(compile(code, "README.md", "exec"), {})  # noqa: S102
     label, volume, _ = capsys.readouterr().out.split()
     assert label == "unknown"
