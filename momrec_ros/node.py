@@ -68,7 +68,7 @@ OPTIONAL_TYPES = {
 HISTORY = 5
 TF_QUEUE = 100  # as of every broadcaster of transforms
 DIAGNOSTICS_PERIOD = 1.0  # seconds
-PATIENCE = 0.3  # seconds that a computation gets to end before the process does
+PATIENCE = 0.1  # seconds that a computation gets to end before it is left alone
 FAILED = 1
 
 

@@ -26,6 +26,7 @@ def started(lasting_graph):
         node=lasting_graph.programs[0],
         publisher=lasting_graph.start_publisher(),
         health=lasting_graph.listen_health(),
+        sent=0,
         recognitions=lasting_graph.listen("recognition", DiagnosticArray).messages,
         meshes=lasting_graph.listen("mesh", Marker).messages,
     )
@@ -34,6 +35,7 @@ def started(lasting_graph):
 @pytest.fixture
 def fresh(started, request):
     """Return the graph of this module without objects, and an id of the test's own."""
+    started.graph.await_health(started.health, messages=started.sent, messages_waiting=0)
     started.graph.reset()
     started.graph.await_health(started.health, objects=0)
     started.graph.set(publish_rate=NEVER, object_timeout=0.0)
@@ -48,9 +50,14 @@ def forget(object_id):
     return encode_marker_array([PlainMarker(header, object_id, action=MarkerAction.DELETEALL)])
 
 
+def publish(fresh, data):
+    fresh.publisher.publish(data)
+    fresh.sent += 1
+
+
 def show(fresh, object_id, views):
     for view in views:
-        fresh.publisher.publish(view_message(view, object_id))
+        publish(fresh, view_message(view, object_id))
 
 
 def gather(fresh, object_id):
@@ -86,7 +93,7 @@ def await_last_result_and_deletion(fresh, object_id):
 def test_a_forgotten_object_ends_with_its_last_result_and_the_others_stay(fresh):
     gather(fresh, fresh.id)
     gather(fresh, "other")
-    fresh.publisher.publish(forget(fresh.id))
+    publish(fresh, forget(fresh.id))
     await_last_result_and_deletion(fresh, fresh.id)
     fresh.graph.await_health(fresh.health, objects=1)
     assert deleted(fresh) == [fresh.id]
@@ -96,7 +103,7 @@ def test_a_forgotten_object_ends_with_its_last_result_and_the_others_stay(fresh)
 def test_a_deletion_without_a_name_ends_all_objects(fresh):
     gather(fresh, fresh.id)
     gather(fresh, "other")
-    fresh.publisher.publish(forget(""))
+    publish(fresh, forget(""))
     for object_id in (fresh.id, "other"):
         await_last_result_and_deletion(fresh, object_id)
     fresh.graph.await_health(fresh.health, objects=0)
