@@ -126,7 +126,7 @@ def few_views_bounds(studies: Mapping[int, Study]) -> list[Bound]:
     Parameters
     ----------
     studies : mapping
-        Number of views to study, with trials of order 3.
+        Number of views to study, with trials of order 5, which models learn from.
 
     Returns
     -------
@@ -135,10 +135,10 @@ def few_views_bounds(studies: Mapping[int, Study]) -> list[Bound]:
     """
     if FEW_VIEWS not in studies:
         return []
-    trial = studies[FEW_VIEWS].free[3]
+    trial = studies[FEW_VIEWS].free[5]
     rates = 100 * trial.spread().test_mean
     bound = _rate(
-        f"{FEW_VIEWS} views, third order, test set, mean of {len(trial.splits)} splits, with "
+        f"{FEW_VIEWS} views, fifth order, test set, mean of {len(trial.splits)} splits, with "
         f"alternatives, {_best(rates)}",
         rates.max(),
         97.0,
