@@ -12,6 +12,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import StratifiedKFold
 
 from momrec_core.canonical import CANONICAL_AREA
+from momrec_core.covariance import distances_from_means
 from momrec_core.estimators import MinimumDistanceClassifier, StepwiseSelector
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["Learned", "learn"]
+__all__ = ["Learned", "learn", "learn_class"]
 
 METRIC = "within"  # the paper's, "total", lets what varies by noise alone count as much
 ALIGNING_ROUNDS = 10  # in which the instances of a class find their common frame
@@ -102,7 +103,7 @@ def learn(
     members = np.searchsorted(classifier.classes_, y)
     distances = _held_back_distances(X, y, max_features)
     held_back = distances[np.arange(len(members)), members]
-    spreads = _spreads(held_back, members)
+    spreads = _spreads(held_back, members, float(np.median(held_back)))
     quantile = float(np.quantile(held_back / spreads[members], KNOWN_QUANTILE))
     threshold = THRESHOLD_MARGIN * max(quantile, 1.0)
     reach = dict(zip(classifier.classes_.tolist(), threshold * spreads, strict=True))
@@ -118,11 +119,43 @@ def learn(
     )
 
 
-def _spreads(distances: NDArray[np.float64], members: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the root mean square distance in each class, as if some had the median of all."""
+def learn_class(
+    candidates: Sequence[NDArray[np.float64]], matrix: NDArray[np.float64], typical: float
+) -> tuple[NDArray[np.float64], float]:
+    """Learn one more class in the metric of those that are known.
+
+    Parameters
+    ----------
+    candidates : sequence of arrays, shape (frames, moments)
+        For each instance, two at the least, its moments in each admissible frame.
+    matrix : array, shape (moments, directions)
+        Of the metric, as of `whitening`.
+    typical : float
+        Spread of the known classes.
+
+    Returns
+    -------
+    mean : array, shape (moments,)
+        Of the instances, in the frames in which they are alike.
+    spread : float
+        Root mean square of their distances from the mean of the others, as if some had the
+        typical one.
+    """
+    frames = _frames_alike([vectors @ matrix for vectors in candidates])
+    X = np.array([vectors[frame] for vectors, frame in zip(candidates, frames, strict=True)])
+    mean = X.mean(axis=0)
+    without = len(X) / (len(X) - 1)  # leaving an instance out moves the mean away from it
+    distances = without * distances_from_means(X, mean[None], matrix)[:, 0]
+    (spread,) = _spreads(distances, np.zeros(len(X), dtype=np.int64), typical)
+    return mean, float(spread)
+
+
+def _spreads(
+    distances: NDArray[np.float64], members: NDArray[np.int64], typical: float
+) -> NDArray[np.float64]:
+    """Return the root mean square distance in each class, as if some had the typical one."""
     counts = np.bincount(members)
     sums = np.bincount(members, weights=distances**2)
-    typical = float(np.median(distances))
     spreads = np.sqrt((sums + TYPICAL_MEMBERS * typical**2) / (counts + TYPICAL_MEMBERS))
     return np.asarray(np.maximum(spreads, LEAST_SPREAD))
 
@@ -147,16 +180,27 @@ def _aligned(candidates: Sequence[NDArray[np.float64]], y: NDArray[np.str_]) -> 
     scale[scale == 0] = 1.0
     for label in np.unique(y):
         members = np.flatnonzero(y == label).tolist()
-        mean = X[min(members, key=lambda member: len(candidates[member]))]
-        for _ in range(ALIGNING_ROUNDS):
-            before = X[members]
-            for member in members:
-                offsets = np.linalg.norm((candidates[member] - mean) / scale, axis=1)
-                X[member] = candidates[member][offsets.argmin()]
-            mean = X[members].mean(axis=0)
-            if (X[members] == before).all():
-                break
+        frames = _frames_alike([candidates[member] / scale for member in members])
+        for member, frame in zip(members, frames, strict=True):
+            X[member] = candidates[member][frame]
     return X
+
+
+def _frames_alike(candidates: Sequence[NDArray[np.float64]]) -> list[int]:
+    """Choose a frame for each instance so that they are near each other, by Euclidean distance.
+
+    They gather about the mean in turns; the first is an instance with the fewest frames.
+    """
+    mean = min(candidates, key=len)[0]
+    frames = [0] * len(candidates)
+    for _ in range(ALIGNING_ROUNDS):
+        before = frames
+        frames = [int(np.linalg.norm(each - mean, axis=1).argmin()) for each in candidates]
+        chosen = [each[frame] for each, frame in zip(candidates, frames, strict=True)]
+        mean = np.mean(chosen, axis=0)
+        if frames == before:
+            break
+    return frames
 
 
 def _held_back_distances(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, cast
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from momrec_core.canonical import CanonicalShape, normalize
 from momrec_core.covariance import correlation, distances_from_means, whitening
-from momrec_core.errors import ModelFormatError
+from momrec_core.errors import ModelFormatError, MomrecError
 from momrec_core.features import feature_vectors, moment_indices
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import trimesh
     from numpy.typing import NDArray
 
-__all__ = ["UNKNOWN", "Recognition", "RecognitionModel", "load_model"]
+__all__ = ["UNKNOWN", "Recognition", "RecognitionModel", "check_new_label", "load_model"]
 
 UNKNOWN = "unknown"  # the label of what is far from every class; no class may have it
 FORMAT, VERSION = "momrec recognition model", 2
@@ -159,6 +159,48 @@ class RecognitionModel:
             certainty=learned.certainty,
         )
 
+    def with_class(self, label: str, shapes: Sequence[CanonicalShape | trimesh.Trimesh]) -> Self:
+        """Learn one more class, without the instances that the others were learned from.
+
+        Parameters
+        ----------
+        label : str
+            Of the new class.
+        shapes : sequence of CanonicalShape or Trimesh
+            Two instances of it or more, each as it would be reconstructed.
+
+        Returns
+        -------
+        model : RecognitionModel
+            Another one, with the new class as its last; this one stays as it is.
+
+        Raises
+        ------
+        DegenerateShapeError
+            If a mesh has no area.
+        MomrecError
+            If there is a class of that label, no class may have it, or instances are too few.
+
+        Notes
+        -----
+        Moments, metric, threshold, blur and certainty stay what they are. So a class that differs
+        from another by other moments only cannot be told from it: that takes `fit`.
+        """
+        from momrec_core.learning import learn_class  # noqa: PLC0415  # as in `fit`
+
+        check_new_label(label, self.classes)
+        if len(shapes) < 2:
+            raise MomrecError(f"Expected two instances or more of {label!r}, got {len(shapes)}")
+        indices = list(self.indices)
+        candidates = [feature_vectors(_canonical(shape), indices) for shape in shapes]
+        mean, spread = learn_class(candidates, self._whitening, float(np.median(self.spreads)))
+        return replace(
+            self,
+            classes=(*self.classes, label),
+            means=np.vstack([self.means, mean]),
+            spreads=np.append(self.spreads, spread),
+        )
+
     def recognize(self, mesh_or_canonical: CanonicalShape | trimesh.Trimesh) -> Recognition:
         """Name a shape.
 
@@ -235,6 +277,27 @@ class RecognitionModel:
             temporary.replace(target)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+def check_new_label(label: str, classes: Sequence[str]) -> None:
+    """Make sure that a class may get a label.
+
+    Parameters
+    ----------
+    label : str
+        To be.
+    classes : sequence of str
+        Labels that there are.
+
+    Raises
+    ------
+    MomrecError
+        If it is one of these, ``unknown``, empty or not printable.
+    """
+    if label in classes:
+        raise MomrecError(f"Expected a label other than those of the model, got {label!r}")
+    if not _is_label(label):
+        raise MomrecError(f'Expected a printable label other than "{UNKNOWN}", got {label!r}')
 
 
 def load_model(path: str | os.PathLike[str]) -> RecognitionModel:

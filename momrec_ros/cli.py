@@ -212,6 +212,49 @@ def train(
 
 
 @app.command()
+def learn(
+    model: Annotated[
+        Path, typer.Argument(exists=True, dir_okay=False, help="Model file, from train or learn.")
+    ],
+    sources: Annotated[
+        list[Path],
+        typer.Argument(exists=True, help="Mesh files, rosbag2 folders and .mcap files."),
+    ],
+    *,
+    label: Annotated[str, typer.Option(help="Name of the new class.")],
+    output: Annotated[Path, typer.Option(help="New model file (JSON).", metavar="NEW_MODEL")],
+    instances: Instances = parameters.INSTANCES.default,
+    views: Views = parameters.VIEWS.default,
+    slices: Slices = parameters.SLICES.default,
+    noise: Noise = parameters.NOISE.default,
+    seed: Seed = parameters.SEED.default,
+    workers: Workers = parameters.WORKERS.default,
+    projection: ProjectionRule = Projection.AUTO,
+    world_frame: WorldFrame = parameters.WORLD_FRAME.default,
+) -> None:
+    """Let a model know one more class, from meshes or from a few recorded sessions.
+
+    Of meshes instances are simulated and reconstructed, as train does. Every object of a bag is
+    an instance of the class, whatever its id. Two instances are enough, more are better.
+    """
+    with _plain_interrupts():
+        from momrec_ros.commands import Sources, run_learn  # noqa: PLC0415
+
+    given = Sources(
+        paths=sources,
+        instances=instances,
+        views=views,
+        slices=slices,
+        noise=noise,
+        seed=seed,
+        workers=workers,
+        projection=projection,
+        world_frame=world_frame,
+    )
+    raise typer.Exit(run_learn(model, label, output, given))
+
+
+@app.command()
 def reconstruct(
     folder: Annotated[
         Path, typer.Argument(exists=True, file_okay=False, help="Masks and cameras.json.")

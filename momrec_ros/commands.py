@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from momrec_core.canonical import CanonicalShape
 from momrec_core.errors import MomrecError
-from momrec_core.model import RecognitionModel, load_model
+from momrec_core.model import RecognitionModel, check_new_label, load_model
 from momrec_core.recognizer import ObjectResult, Recognizer
 from momrec_core.simulation import Projection, simulate_instance
 from momrec_core.view import View
@@ -34,9 +35,18 @@ from momrec_ros.files import (
     read_mesh,
     write_mesh,
 )
+from momrec_ros.lessons import assess, split_sources
 from momrec_ros.mask_coverage import mask_coverage
 from momrec_ros.messages import StampedView
-from momrec_ros.report import ResultRow, json_line, rate_table, result_row, result_table
+from momrec_ros.report import (
+    ResultRow,
+    json_line,
+    lesson_table,
+    lesson_warnings,
+    rate_table,
+    result_row,
+    result_table,
+)
 from momrec_ros.session import Ended, Lost, Result, Session
 from momrec_ros.shared_data import shared_path
 from momrec_ros.terminal import Terminal
@@ -46,8 +56,10 @@ from momrec_ros.workers import FigureDrawer
 __all__ = [
     "Course",
     "Recording",
+    "Sources",
     "run_demo",
     "run_experiment",
+    "run_learn",
     "run_reconstruct",
     "run_replay",
     "run_simulate",
@@ -87,6 +99,21 @@ class Course:
     order: int
     seed: int
     workers: int
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What to learn one more class from; fields with a parameter's name are that parameter."""
+
+    paths: Sequence[Path]
+    instances: int
+    views: int
+    slices: int
+    noise: float
+    seed: int
+    workers: int
+    projection: str
+    world_frame: str
 
 
 class _Sinks:
@@ -205,18 +232,29 @@ def _outcomes(
         yield Lost(f"{loss.size} bytes of the bag: {loss.reason}")
 
 
-def run_demo(output: Path) -> int:
-    """Replay the shipped bag with the shipped model; see `momrec demo --help`."""
-    recording = Recording(
-        bag=shared_path(SHIPPED_BAG),
-        projection=parameters.PROJECTION.default,
-        world_frame=parameters.WORLD_FRAME.default,
-        slices=parameters.SLICES.default,
+def _recording(
+    bag: Path,
+    *,
+    slices: int = parameters.SLICES.default,
+    projection: str = parameters.PROJECTION.default,
+    world_frame: str = parameters.WORLD_FRAME.default,
+) -> Recording:
+    """Return a bag that is read with the defaults of all other parameters."""
+    return Recording(
+        bag=bag,
+        projection=projection,
+        world_frame=world_frame,
+        slices=slices,
         min_views=parameters.MIN_VIEWS.default,
         max_views=parameters.MAX_VIEWS.default,
         max_objects=parameters.MAX_OBJECTS.default,
         object_timeout=parameters.OBJECT_TIMEOUT.default,
     )
+
+
+def run_demo(output: Path) -> int:
+    """Replay the shipped bag with the shipped model; see `momrec demo --help`."""
+    recording = _recording(shared_path(SHIPPED_BAG))
     model = load_model(shared_path(SHIPPED_MODEL))
     terminal = Terminal()
     results: list[ObjectResult] = []
@@ -293,6 +331,62 @@ def run_train(paths: Sequence[Path], output: Path, course: Course) -> int:
     terminal.table(rate_table(rates))
     terminal.wrote(output)
     return ALL_USED
+
+
+def run_learn(model: Path, label: str, output: Path, sources: Sources) -> int:
+    """Learn one more class from meshes and bags; see `momrec learn --help`."""
+    expect_new(output)
+    terminal = Terminal()
+    known = load_model(model)
+    check_new_label(label, known.classes)
+    meshes, bags = split_sources(sources.paths)
+    shapes = _simulated(meshes, sources, terminal)
+    losses = sum(_gather(bag, sources, shapes, terminal) for bag in bags)
+    learned = known.with_class(label, shapes)
+    lesson = assess(known, learned, shapes)
+    with new_file(output) as temporary:
+        learned.save(temporary)
+    terminal.table(lesson_table(lesson))
+    for line in lesson_warnings(lesson):
+        terminal.say(line)
+    terminal.wrote(output)
+    return SOMETHING_LOST if losses else ALL_USED
+
+
+def _simulated(
+    meshes: Sequence[Path], sources: Sources, terminal: Terminal
+) -> list[CanonicalShape]:
+    """Return instances of one class, which take turns with the meshes; none without meshes."""
+    if not meshes:
+        return []
+    rebuilt = reconstructed_instances(
+        {"": [read_mesh(path) for path in meshes]},
+        instances=sources.instances,
+        views=sources.views,
+        slices=sources.slices,
+        noise=sources.noise,
+        seed=sources.seed,
+        workers=sources.workers,
+    )
+    return [shape for _, shape in terminal.progress(rebuilt, "reconstructing", sources.instances)]
+
+
+def _gather(bag: Path, sources: Sources, shapes: list[CanonicalShape], terminal: Terminal) -> int:
+    """Add the shape of every object in a bag; return how many things were lost."""
+    recording = _recording(
+        bag,
+        slices=sources.slices,
+        projection=sources.projection,
+        world_frame=sources.world_frame,
+    )
+    losses = 0
+    for outcome in _outcomes(recording, None, None, terminal):
+        if isinstance(outcome, Lost):
+            terminal.lost(outcome.text)
+            losses += 1
+        elif isinstance(outcome, Result):
+            shapes.append(outcome.result.canonical)
+    return losses
 
 
 def run_reconstruct(

@@ -14,9 +14,21 @@ from momrec_ros.messages import pose_from_matrix
 
 if TYPE_CHECKING:
     from momrec_core.recognizer import ObjectResult
+    from momrec_ros.lessons import Lesson
     from momrec_ros.training import ClassRate
 
-__all__ = ["ResultRow", "json_line", "printable", "rate_table", "result_row", "result_table"]
+__all__ = [
+    "ResultRow",
+    "json_line",
+    "lesson_table",
+    "lesson_warnings",
+    "printable",
+    "rate_table",
+    "result_row",
+    "result_table",
+]
+
+NEAREST_CLASSES = 5  # of the others are in a table about one more class
 
 
 def json_line(result: ObjectResult) -> str:
@@ -152,6 +164,67 @@ def rate_table(rates: Sequence[ClassRate]) -> Table:
             f"{100 * rate.cross_validated:.1f}",
         )
     return table
+
+
+def lesson_table(lesson: Lesson) -> Table:
+    """Describe how well a new class is told from the classes nearest to it.
+
+    Parameters
+    ----------
+    lesson : Lesson
+        Of `momrec_ros.lessons.assess`.
+
+    Returns
+    -------
+    table : rich Table
+        The new class first, then the others with the distances of its instances from them.
+    """
+    held_back = "too few" if lesson.held_back is None else str(lesson.held_back)
+    table = Table(title=f"one more class, threshold {lesson.threshold:.2f} spreads")
+    table.add_column("class", overflow="fold")
+    for heading in (
+        "instances",
+        "rightly named",
+        "held back, rightly named",
+        "nearest, spreads",
+        "median, spreads",
+        "inside threshold",
+    ):
+        table.add_column(heading, justify="right")
+    table.add_row(
+        Text(printable(lesson.label), style="bold"),
+        *(str(lesson.instances), str(lesson.right), held_back, "", "", ""),
+        end_section=True,
+    )
+    for other in lesson.others[:NEAREST_CLASSES]:
+        table.add_row(
+            Text(printable(other.label)),
+            *("", "", "", f"{other.nearest:.2f}", f"{other.median:.2f}"),
+            Text(str(other.within), style="yellow" if other.within else ""),
+        )
+    return table
+
+
+def lesson_warnings(lesson: Lesson) -> list[str]:
+    """Tell, a line each, which classes a new class is likely to be confused with.
+
+    Parameters
+    ----------
+    lesson : Lesson
+        Of `momrec_ros.lessons.assess`.
+
+    Returns
+    -------
+    lines : list of str
+        Empty where no instance is inside the threshold of another class.
+    """
+    return [
+        f"warning: {lesson.label} may be confused with {other.label}: {other.within} of "
+        f"{lesson.instances} instances are inside the threshold of {lesson.threshold:.2f} spreads, "
+        f"the nearest at {other.nearest:.2f}"
+        for other in lesson.others
+        if other.within
+    ]
 
 
 def _label(result: ObjectResult) -> Text:

@@ -22,11 +22,13 @@ from momrec_core import (
     CanonicalShape,
     DegenerateShapeError,
     ModelFormatError,
+    MomrecError,
     RecognitionModel,
     load_model,
     normalize,
     surface_moments,
 )
+from momrec_core.features import feature_vectors
 from momrec_core.trust import Verdicts, judge, reliability
 
 MESHES = Path(__file__).parents[2] / "meshes"
@@ -536,3 +538,126 @@ def test_a_training_set_that_teaches_nothing_is_refused(
 def test_a_shape_without_area_is_refused_not_named(model: RecognitionModel) -> None:
     with pytest.raises(DegenerateShapeError):
         model.recognize(trimesh.Trimesh(np.zeros((3, 3)), [[0, 1, 2]], process=False))
+
+
+# --- one more class -------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def further_objects() -> dict[str, trimesh.Trimesh]:
+    """Return objects that the model does not know, two of them with ambiguous frames."""
+    return {
+        "stranger": trimesh.load(MESHES / "stranger.ply", process=False),
+        "equilateral prism": trimesh.creation.cylinder(1.0, 1.2, sections=3).subdivide(),
+        "box": trimesh.creation.box((1.0, 2.0, 4.0)).subdivide(),
+    }
+
+
+@pytest.mark.parametrize("count", [2, 3, 8])
+@pytest.mark.parametrize("label", ["stranger", "equilateral prism", "box"])
+def test_a_class_learned_later_is_recognised_and_the_others_still_are(
+    model: RecognitionModel,
+    objects: dict[str, trimesh.Trimesh],
+    further_objects: dict[str, trimesh.Trimesh],
+    label: str,
+    count: int,
+) -> None:
+    rng = np.random.default_rng(count)
+    mesh = further_objects[label]
+    unseen = [normalize(instance_of(mesh, rng)) for _ in range(10)]
+    assert {model.recognize(shape).label for shape in unseen} == {"unknown"}
+    learned = model.with_class(label, [instance_of(mesh, rng) for _ in range(count)])
+    assert sum(learned.recognize(shape).label == label for shape in unseen) >= 9
+    for name, known in objects.items():
+        instance = normalize(instance_of(known, rng))
+        assert learned.recognize(instance).label == model.recognize(instance).label == name
+
+
+def test_classes_learned_one_after_the_other_are_all_told_apart(
+    model: RecognitionModel, further_objects: dict[str, trimesh.Trimesh]
+) -> None:
+    rng = np.random.default_rng(21)
+    learned = model
+    for label, mesh in further_objects.items():
+        learned = learned.with_class(label, [instance_of(mesh, rng) for _ in range(4)])
+    assert learned.classes == (*model.classes, *further_objects)
+    for label, mesh in further_objects.items():
+        found = [learned.recognize(instance_of(mesh, rng)).label for _ in range(10)]
+        assert found.count(label) >= 9
+
+
+def test_a_later_class_has_the_mean_and_spread_of_its_aligned_instances(
+    model: RecognitionModel, further_objects: dict[str, trimesh.Trimesh]
+) -> None:
+    rng = np.random.default_rng(22)
+    shapes = [normalize(instance_of(further_objects["stranger"], rng)) for _ in range(4)]
+    vectors = [feature_vectors(shape, list(model.indices)) for shape in shapes]
+    assert all(len(frames) == 1 for frames in vectors)  # there is nothing to align
+    learned = model.with_class("stranger", shapes)
+    instances = np.concatenate(vectors)
+    np.testing.assert_allclose(learned.means[-1], instances.mean(axis=0), rtol=1e-12)
+    inverse = np.linalg.inv(model.covariance)
+    squares = [
+        mahalanobis(instances[index], np.delete(instances, index, axis=0).mean(axis=0), inverse)
+        ** 2
+        for index in range(4)
+    ]
+    typical = np.median(model.spreads)
+    expected = np.sqrt((sum(squares) + 5 * typical**2) / (4 + 5))
+    assert learned.spreads[-1] == pytest.approx(expected, rel=1e-6)
+
+
+def test_instances_of_an_ambiguous_frame_are_aligned_in_whatever_order_they_come(
+    model: RecognitionModel, further_objects: dict[str, trimesh.Trimesh]
+) -> None:
+    rng = np.random.default_rng(23)
+    mesh = further_objects["equilateral prism"]
+    shapes = [normalize(instance_of(mesh, rng)) for _ in range(6)]
+    candidates = [feature_vectors(shape, list(model.indices)) for shape in shapes]
+    assert min(map(len, candidates)) > 1
+    inverse = np.linalg.inv(model.covariance)
+    principal = np.array([frames[0] for frames in candidates])
+    unaligned = [mahalanobis(each, principal.mean(axis=0), inverse) for each in principal]
+    for order in ([0, 1, 2, 3, 4, 5], [5, 3, 1, 0, 2, 4]):
+        learned = model.with_class("prism", [shapes[index] for index in order])
+        aligned = [learned.recognize(shape).distance for shape in shapes]
+        assert np.mean(aligned) < np.mean(unaligned)
+        assert all(learned.recognize(shape).label == "prism" for shape in shapes)
+
+
+def test_learning_a_class_changes_nothing_else(model: RecognitionModel, tmp_path: Path) -> None:
+    learned = model.with_class("box", [BOX, BOX])
+    assert "box" not in model.classes
+    assert learned.indices == model.indices
+    assert (learned.threshold, learned.blur) == (model.threshold, model.blur)
+    assert learned.certainty == model.certainty
+    np.testing.assert_array_equal(learned.covariance, model.covariance)
+    np.testing.assert_array_equal(learned.means[:-1], model.means)
+    np.testing.assert_array_equal(learned.spreads[:-1], model.spreads)
+    assert learned.spreads[-1] > 0.5 * np.median(model.spreads)  # equal instances teach no spread
+    learned.save(tmp_path / "model.json")
+    loaded = load_model(tmp_path / "model.json")
+    assert loaded.classes == learned.classes
+    assert loaded.recognize(BOX).label == "box"
+
+
+@pytest.mark.parametrize(
+    ("label", "count", "message"),
+    [
+        ("a", 2, "Expected a label other than those of the model, got 'a'"),
+        ("unknown", 2, "Expected a printable label other than \"unknown\", got 'unknown'"),
+        ("", 2, "Expected a printable label"),
+        ("two\nlines", 2, "Expected a printable label"),
+        ("c", 1, "Expected two instances or more of 'c', got 1"),
+        ("c", 0, "Expected two instances or more of 'c', got 0"),
+    ],
+)
+def test_a_class_that_cannot_be_learned_is_refused(label: str, count: int, message: str) -> None:
+    with pytest.raises(MomrecError, match=message):
+        TWO_CLASSES.with_class(label, [BOX] * count)
+
+
+def test_an_instance_without_area_teaches_nothing() -> None:
+    flat = trimesh.Trimesh(np.zeros((3, 3)), [[0, 1, 2]], process=False)
+    with pytest.raises(DegenerateShapeError):
+        TWO_CLASSES.with_class("c", [BOX, flat])

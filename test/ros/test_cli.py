@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -22,7 +23,9 @@ from momrec_core.view import View
 from momrec_ros.bag import StampedView, read_bag
 from momrec_ros.bag_writer import BagWriter
 from momrec_ros.cli import main
+from momrec_ros.commands import run_simulate
 from momrec_ros.demo_folder import replaced_folder
+from momrec_ros.training import reconstructed_instances
 
 MESHES = Path(__file__).parents[2] / "meshes"
 OBJECTS = ("castle", "l_bracket", "uneven_t")
@@ -277,6 +280,9 @@ def test_a_file_that_is_no_bag_is_an_error_in_one_line(momrec, tmp_path, damage)
         ["replay", ".", "--no-such-option"],
         ["simulate", "--output", "bag"],
         ["train", ".", "--output", "model.json", "--instances", "0"],
+        ["learn", "."],
+        ["learn", __file__, __file__, "--output", "model.json"],
+        ["learn", __file__, "no such mesh", "--label", "new", "--output", "model.json"],
         ["reconstruct", "."],
     ],
 )
@@ -370,6 +376,151 @@ def test_a_folder_without_meshes_is_an_error(momrec, tmp_path):
     ended = momrec("train", tmp_path, "--output", tmp_path / "model.json")
     assert ended.code == 1
     assert "Expected meshes" in ended.err
+
+
+# --- learn ----------------------------------------------------------------------------------
+
+LIKE_SHOP = ("--views", 8, "--slices", 16)
+STRANGER = MESHES / "stranger.ply"
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory):
+    """Return bags of the stranger, each with it elsewhere, from elsewhere and in another size."""
+    folder = tmp_path_factory.mktemp("sessions")
+    bags = [folder / str(seed) for seed in range(4)]
+    how = {"views": 8, "projection": "orthographic", "distance": 4.0, "noise": 0.0}
+    for seed, bag in enumerate(bags):
+        run_simulate([STRANGER], bag, seed=seed, **how)
+    return bags
+
+
+def labels(momrec, bag, model):
+    ended = momrec("replay", bag, "--model", model, "--json", "--slices", 16)
+    return [result["label"] for result in lines(ended.out)]
+
+
+def test_a_class_learned_from_a_mesh_is_recognised(momrec, shop, sessions, tmp_path):
+    mesh, model = tmp_path / "any name.stl", tmp_path / "new" / "model.json"
+    trimesh.load(STRANGER).export(mesh)
+    assert labels(momrec, sessions[0], shop / "model.json") == ["unknown"]
+    ended = momrec(
+        *("learn", shop / "model.json", mesh, "--label", "scissors", "--output", model),
+        *("--instances", 6, *LIKE_SHOP),
+    )
+    assert ended.code == 0, ended.err
+    assert re.search(r"scissors .* 6 .* 6 .* 6 ", ended.out)
+    for name in OBJECTS:
+        assert name in ended.out
+    assert "warning" not in ended.err
+    learned = load_model(model)
+    assert learned.classes == (*OBJECTS, "scissors")
+    unseen = reconstructed_instances(
+        {"scissors": [trimesh.load(STRANGER)]}, instances=10, views=8, slices=16, seed=31
+    )
+    assert sum(learned.recognize(shape).label == label for label, shape in unseen) >= 9
+    assert labels(momrec, sessions[0], model) == ["scissors"]
+    assert labels(momrec, shop / "bag", model) == list(OBJECTS)
+
+
+def test_a_class_learned_from_recorded_sessions_is_recognised(momrec, shop, sessions, tmp_path):
+    *bags, unseen = sessions
+    (mcap,) = bags[2].glob("*.mcap")
+    model = tmp_path / "model.json"
+    ended = momrec(
+        *("learn", shop / "model.json", bags[0], bags[1], mcap, "--label", "scissors"),
+        *("--output", model, "--slices", 16),
+    )
+    assert ended.code == 0, ended.err
+    assert re.search(r"scissors .* 3 .* 3 .* 3 ", ended.out)
+    assert labels(momrec, unseen, model) == ["scissors"]
+    assert labels(momrec, shop / "bag", model) == list(OBJECTS)
+
+
+def test_meshes_and_bags_teach_a_class_together(momrec, shop, sessions, tmp_path):
+    model = tmp_path / "model.json"
+    ended = momrec(
+        *("learn", shop / "model.json", STRANGER, sessions[0], "--label", "scissors"),
+        *("--output", model, "--instances", 5, *LIKE_SHOP, "--projection", "orthographic"),
+    )
+    assert ended.code == 0, ended.err
+    assert re.search(r"scissors [^0-9]* 6 ", ended.out)
+    assert labels(momrec, sessions[1], model) == ["scissors"]
+
+
+def test_a_class_like_another_is_warned_of(momrec, shop, tmp_path):
+    castle = MESHES / "ten_objects" / "castle.ply"
+    ended = momrec(
+        *("learn", shop / "model.json", castle, "--label", "fort"),
+        *("--output", tmp_path / "model.json", "--instances", 5, *LIKE_SHOP),
+    )
+    assert ended.code == 0
+    (warning,) = [line for line in ended.err.splitlines() if line.startswith("warning: ")]
+    assert "fort may be confused with castle: 5 of 5 instances" in warning
+
+
+def test_what_a_damaged_session_loses_is_told_and_the_rest_is_learned(
+    momrec, shop, sessions, tmp_path
+):
+    (mcap,) = sessions[0].glob("*.mcap")
+    whole = mcap.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: 3 * len(whole) // 4])
+    ended = momrec(
+        *("learn", shop / "model.json", cut, sessions[1], "--label", "scissors"),
+        *("--output", tmp_path / "model.json", "--slices", 16),
+    )
+    assert ended.code == 3
+    assert "lost: " in ended.err
+    assert "too few" in ended.out  # of two instances none can be held back
+    assert load_model(tmp_path / "model.json").classes[-1] == "scissors"
+
+
+@pytest.fixture(scope="module")
+def bench(shop, sessions, tmp_path_factory):
+    """Return a folder with a model, and what can and cannot be learned from."""
+    folder = tmp_path_factory.mktemp("bench")
+    shutil.copy(shop / "model.json", folder)
+    shutil.copy(STRANGER, folder)
+    shutil.copytree(sessions[0], folder / "bag")
+    (folder / "folder").mkdir()
+    for name in ("notes.txt", "damaged.ply"):
+        (folder / name).write_text("no mesh")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("source", "label", "message"),
+    [
+        ("stranger.ply", "castle", "Expected a label other than those of the model"),
+        ("stranger.ply", "unknown", "Expected a printable label"),
+        ("stranger.ply", "two\nlines", "Expected a printable label"),
+        ("bag", "scissors", "Expected two instances or more of 'scissors', got 1"),
+        ("notes.txt", "scissors", "Expected meshes (.ply, .stl, .obj, .off, .glb), rosbag2"),
+        ("damaged.ply", "scissors", "Expected a mesh"),
+        ("folder", "scissors", "folder"),
+    ],
+)
+def test_what_cannot_be_learned_is_one_line_and_no_model(momrec, bench, source, label, message):
+    before = content(bench)
+    ended = momrec(
+        *("learn", bench / "model.json", bench / source, "--label", label),
+        *("--output", bench / "new.json"),
+    )
+    assert ended.code == 1
+    assert ended.out == ""
+    assert message in ended.err
+    assert ended.err.count("\n") == 1
+    assert content(bench) == before
+
+
+def test_learning_overwrites_nothing(momrec, shop):
+    before = content(shop)
+    model = shop / "model.json"
+    ended = momrec("learn", model, STRANGER, "--label", "scissors", "--output", model)
+    assert ended.code == 1
+    assert "does not exist yet" in ended.err
+    assert content(shop) == before
 
 
 # --- reconstruct ----------------------------------------------------------------------------

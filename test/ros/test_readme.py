@@ -51,7 +51,7 @@ def test_the_shipped_bag_is_what_the_command_makes(tmp_path):
 
 
 def test_every_command_is_in_the_readme():
-    for name in ("demo", "replay", "simulate", "train", "reconstruct", "experiment"):
+    for name in ("demo", "replay", "simulate", "train", "learn", "reconstruct", "experiment"):
         assert f"    momrec {name}" in README
 
 
