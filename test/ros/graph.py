@@ -286,18 +286,31 @@ class Graph:
         self.node.create_subscription(DiagnosticArray, "/diagnostics", take, 100)
         return received
 
-    def call(self, name, kind, request):
-        """Call a service of the node; return the response."""
+    def call(self, name, kind, request, *, again=False):
+        """Call a service of the node; return the response.
+
+        The middleware drops a response whose reader the node has not found yet; with ``again``
+        the request is repeated then, which only those may that change nothing by it.
+        """
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, f"{NODE}/{name}")
         client = self._clients[name]
         self.until(client.service_is_ready, f"the service {name}")
-        future = client.call_async(request)
-        self.until(future.done, f"an answer of {name}")
-        return future.result()
+        futures = [client.call_async(request)]
+        asked_at = time.monotonic()
+
+        def answered():
+            nonlocal asked_at
+            if again and time.monotonic() - asked_at > PATIENCE:
+                futures.append(client.call_async(request))
+                asked_at = time.monotonic()
+            return next((future for future in futures if future.done()), None)
+
+        return self.until(answered, f"an answer of {name}").result()
 
     def state(self):
-        return self.call("get_state", GetState, GetState.Request()).current_state.label
+        response = self.call("get_state", GetState, GetState.Request(), again=True)
+        return response.current_state.label
 
     def await_state(self, label):
         self.until(lambda: self.state() == label, f"the state {label}")
@@ -329,7 +342,7 @@ class Graph:
                 Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
             ]
         )
-        results = self.call("set_parameters", SetParameters, request).results
+        results = self.call("set_parameters", SetParameters, request, again=True).results
         return [("" if result.successful else result.reason or "refused") for result in results]
 
 

@@ -144,6 +144,7 @@ def broken_models(folder):
 def test_a_model_that_cannot_be_loaded_refuses_configure_in_one_line_until_it_is_another(
     unconfigured, tmp_path
 ):
+    unconfigured.graph.await_line(unconfigured.node, "waits to be configured")
     for path in broken_models(tmp_path):
         before = len(unconfigured.node.lines)
         assert unconfigured.graph.set(model=str(path)) == [""]
