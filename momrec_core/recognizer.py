@@ -6,12 +6,16 @@ import copy
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
+from momrec_core.agreement import contradicting_views
 from momrec_core.canonical import CanonicalShape, normalize
+from momrec_core.covering import covered_shares
 from momrec_core.errors import EmptyHullError, MomrecError, NoCommonLineError
 from momrec_core.hull import VisualHull
 from momrec_core.moments import enclosed_volume
@@ -21,6 +25,9 @@ if TYPE_CHECKING:
     from momrec_core.model import Recognition, RecognitionModel
 
 __all__ = ["ObjectResult", "Recognizer"]
+
+CONSISTENT = 0.99  # of every silhouette: where as much is covered again, all views agree
+KEPT_ASIDE = 2  # times `max_views`: all views of one object, with those left out
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +48,11 @@ class ObjectResult:
         The slices and the views that they were made of.
     rejected_views : int
         Views of this object that were left out.
+    coverage : array, shape (views,)
+        The share of each used silhouette that the mesh's projection covers again, 0 to 1, in
+        the order of `hull.views`. Low shares tell of views that contradict one another.
+    left_out : tuple of View
+        The views that were gathered, but contradict those in use, in the order of arrival.
     """
 
     object_id: str
@@ -49,6 +61,8 @@ class ObjectResult:
     recognition: Recognition | None
     hull: VisualHull
     rejected_views: int
+    coverage: NDArray[np.float64]
+    left_out: tuple[View, ...]
 
     @property
     def views(self) -> int:
@@ -78,6 +92,11 @@ class Recognizer:
     out and counted. Should the views left out outnumber those in use, they take over, so that a
     bad first view costs no more than a bad last one.
 
+    A wrong pose or a bad mask that leaves some of the hull shows in what the others are covered
+    by. When a result does not cover its silhouettes, all views gathered are judged together, see
+    `contradicting_views`, and those that contradict the others are left out. Every result judges
+    anew: later views may bring an earlier one back.
+
     Parameters
     ----------
     model : RecognitionModel or None
@@ -90,6 +109,9 @@ class Recognizer:
         Objects kept at a time. With one more, the one without a view for longest is evicted.
     max_views : int
         Views kept of one object; further views are rejected.
+    max_bad_views : int
+        Views of one object that may be left out since they contradict the others, at the most,
+        and never more than a quarter; 0 to leave out only what would empty the hull.
     on_evict : callable or None
         Called with the id of an object about to be evicted, while its result can still be had.
 
@@ -119,10 +141,21 @@ class Recognizer:
         min_views: int = 2,
         max_objects: int = 16,
         max_views: int = 1000,
+        max_bad_views: int = 10,
         on_evict: Callable[[str], None] | None = None,
     ) -> None:
-        smallest = {"min_views": 2, "max_objects": 1, "max_views": min_views}
-        given = {"min_views": min_views, "max_objects": max_objects, "max_views": max_views}
+        smallest = {
+            "min_views": 2,
+            "max_objects": 1,
+            "max_views": min_views,
+            "max_bad_views": 0,
+        }
+        given = {
+            "min_views": min_views,
+            "max_objects": max_objects,
+            "max_views": max_views,
+            "max_bad_views": max_bad_views,
+        }
         for name, value in given.items():
             if value < smallest[name]:
                 raise ValueError(f"Expected {name} of at least {smallest[name]}, got {value}")
@@ -131,6 +164,7 @@ class Recognizer:
         self._min_views = min_views
         self._max_objects = max_objects
         self._max_views = max_views
+        self._max_bad_views = max_bad_views
         self._on_evict = on_evict
         self._gathered: dict[str, _Gathered] = {}
         self._unseen: OrderedDict[str, int] = OrderedDict()
@@ -154,8 +188,8 @@ class Recognizer:
         Raises
         ------
         EmptyHullError
-            If the view contradicts the views in use. It is counted, and nothing else changes
-            unless such views have become the majority.
+            If the view contradicts the views in use. It is counted and kept aside, and nothing
+            else changes unless such views have become the majority.
         MomrecError
             If the object has its `max_views` already, or the hull cannot use the view.
         """
@@ -165,6 +199,7 @@ class Recognizer:
             raise MomrecError(
                 f"Expected at most {self._max_views} views of object {object_id!r}, got one more"
             )
+        gathered.keep(view, KEPT_ASIDE * self._max_views)
         try:
             gathered.hull = _refined(gathered.hull, view)
         except EmptyHullError:
@@ -221,8 +256,12 @@ class Recognizer:
         """
         gathered = self._gathered[object_id]
         if gathered.result is None:
-            gathered.result = self._computed(object_id, gathered.hull)
-        return replace(gathered.result, rejected_views=gathered.rejected_views)
+            gathered.result = self._computed(object_id, gathered)
+        return replace(
+            gathered.result,
+            rejected_views=gathered.rejected_views,
+            left_out=gathered.left_out,
+        )
 
     def _started(self, object_id: str) -> _Gathered:
         """Return the object's state, the object marked as the one used last."""
@@ -253,16 +292,64 @@ class Recognizer:
                 with suppress(MomrecError):
                     gathered.hull = _refined(gathered.hull, former)
 
-    def _computed(self, object_id: str, hull: VisualHull) -> ObjectResult:
+    def _computed(self, object_id: str, gathered: _Gathered) -> ObjectResult:
+        mesh, shares = self._settled(object_id, gathered)
+        canonical = normalize(mesh)
+        recognition = None if self._model is None else self._model.recognize(canonical)
+        return ObjectResult(
+            object_id,
+            mesh,
+            canonical,
+            recognition,
+            gathered.hull,
+            rejected_views=0,
+            coverage=shares,
+            left_out=(),
+        )
+
+    def _settled(
+        self, object_id: str, gathered: _Gathered
+    ) -> tuple[trimesh.Trimesh, NDArray[np.float64]]:
+        """Return mesh and covered shares of the views in use, judged anew if it seems to pay."""
+        try:
+            surface = self._surface(object_id, gathered.hull)
+        except MomrecError:
+            if not self._judged_otherwise(gathered):
+                raise
+        else:
+            doubtful = surface[1].min() < CONSISTENT or gathered.left_out
+            if not (doubtful and self._judged_otherwise(gathered)):
+                return surface
+        return self._surface(object_id, gathered.hull)
+
+    def _surface(
+        self, object_id: str, hull: VisualHull
+    ) -> tuple[trimesh.Trimesh, NDArray[np.float64]]:
         if len(hull.views) < self._min_views:
             raise NoCommonLineError(
                 f"Expected at least {self._min_views} views of object {object_id!r}, "
                 f"got {len(hull.views)}"
             )
         mesh = hull.mesh()
-        canonical = normalize(mesh)
-        recognition = None if self._model is None else self._model.recognize(canonical)
-        return ObjectResult(object_id, mesh, canonical, recognition, hull, rejected_views=0)
+        return mesh, covered_shares(hull.views, mesh)
+
+    def _judged_otherwise(self, gathered: _Gathered) -> bool:
+        """Judge all views; tell whether others than before are in use now."""
+        views = gathered.views
+        verdict = contradicting_views(views, self._max_bad_views)
+        bad = {views[index] for index in verdict}
+        if bad == gathered.bad:
+            return False
+        gathered.bad = bad
+        if bad == set(gathered.left_out):
+            return False
+        hull = self._empty
+        for view in views:
+            if view not in bad:
+                with suppress(MomrecError):
+                    hull = _refined(hull, view)
+        gathered.hull, gathered.rival = hull, self._empty
+        return True
 
 
 @dataclass(eq=False)
@@ -274,6 +361,21 @@ class _Gathered:
     offered: int
     used_at: int = 0
     result: ObjectResult | None = None
+    views: list[View] = field(default_factory=list)
+    bad: set[View] = field(default_factory=set)  # those that contradict the others
+
+    def keep(self, view: View, most: int) -> None:
+        """Gather a view; of too many, the oldest that is not in use goes."""
+        self.views.append(view)
+        if len(self.views) > most:
+            forgotten = next(iter(self.left_out), None)
+            self.views = [kept for kept in self.views if kept is not forgotten]
+
+    @property
+    def left_out(self) -> tuple[View, ...]:
+        """The views gathered and not in use."""
+        used = set(self.hull.views)
+        return tuple(view for view in self.views if view not in used)
 
     @property
     def rejected_views(self) -> int:

@@ -139,6 +139,9 @@ class View:
     silhouette : Polygon or MultiPolygon
         The region that the object covers, in the camera's image coordinates: metres for
         parallel projection, pixels (centres at integers) for a pinhole.
+    frame : Polygon or None
+        What was seen of the image plane, in the same coordinates; None for all of it. The
+        silhouette may go on beyond it, where it says what is possible, not what was seen.
 
     Raises
     ------
@@ -148,6 +151,7 @@ class View:
 
     camera: Camera
     silhouette: MultiPolygon
+    frame: Polygon | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.camera, Camera):
@@ -182,6 +186,14 @@ class View:
     def rings(self) -> list[NDArray[np.float64]]:
         """The silhouette's rings without the repeated last vertex, each shape (n_i, 2)."""
         return polygon_rings(self.silhouette)
+
+    @cached_property
+    def visible(self) -> MultiPolygon:
+        """The part of the silhouette inside the frame; all of it where none of it is."""
+        if self.frame is None or shapely.contains_properly(self.frame, self.silhouette):
+            return self.silhouette
+        inside = _polygonal(shapely.intersection(self.silhouette, self.frame))
+        return inside if inside.area > 0 else self.silhouette
 
 
 def _is_clean(region: MultiPolygon) -> bool:

@@ -319,11 +319,12 @@ def _masked_view(
         return np.asarray(np.linalg.solve(pixels_from_image[:, :2], offset.T).T)
 
     silhouette = hull_silhouette(contours, margin=margin)
+    frame = shapely.transform(contours.frame, to_image)
     return MaskedView(
         name,
-        View(camera, shapely.transform(silhouette, to_image)),
+        View(camera, shapely.transform(silhouette, to_image), frame),
         shapely.transform(contours.region, to_image),
-        shapely.transform(contours.frame, to_image),
+        frame,
         contours.touches_border,
         contours.specks,
     )

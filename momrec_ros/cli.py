@@ -58,6 +58,7 @@ FiguresOutput = Annotated[Path | None, typer.Option(help="New folder for a pictu
 Slices = Annotated[int, _option(parameters.SLICES)]
 MinViews = Annotated[int, _option(parameters.MIN_VIEWS)]
 MaxViews = Annotated[int, _option(parameters.MAX_VIEWS)]
+MaxBadViews = Annotated[int, _option(parameters.MAX_BAD_VIEWS)]
 MaxObjects = Annotated[int, _option(parameters.MAX_OBJECTS)]
 ObjectTimeout = Annotated[float, _option(parameters.OBJECT_TIMEOUT)]
 ProjectionRule = Annotated[Projection, _option(parameters.PROJECTION)]
@@ -119,6 +120,7 @@ def replay(
     projection: ProjectionRule = Projection.AUTO,
     min_views: MinViews = parameters.MIN_VIEWS.default,
     max_views: MaxViews = parameters.MAX_VIEWS.default,
+    max_bad_views: MaxBadViews = parameters.MAX_BAD_VIEWS.default,
     max_objects: MaxObjects = parameters.MAX_OBJECTS.default,
     object_timeout: ObjectTimeout = parameters.OBJECT_TIMEOUT.default,
     world_frame: WorldFrame = parameters.WORLD_FRAME.default,
@@ -137,6 +139,7 @@ def replay(
         slices=slices,
         min_views=min_views,
         max_views=max_views,
+        max_bad_views=max_bad_views,
         max_objects=max_objects,
         object_timeout=object_timeout,
     )
@@ -266,6 +269,7 @@ def reconstruct(
     slices: Slices = parameters.SLICES.default,
     tolerance: Tolerance = parameters.TOLERANCE.default,
     margin: Margin = parameters.MARGIN.default,
+    max_bad_views: MaxBadViews = parameters.MAX_BAD_VIEWS.default,
 ) -> None:
     """Turn binary masks with projection matrices into a mesh."""
     with _plain_interrupts():
@@ -273,7 +277,14 @@ def reconstruct(
 
     raise typer.Exit(
         run_reconstruct(
-            folder, output, bag, figures, slices=slices, tolerance=tolerance, margin=margin
+            folder,
+            output,
+            bag,
+            figures,
+            slices=slices,
+            tolerance=tolerance,
+            margin=margin,
+            max_bad_views=max_bad_views,
         )
     )
 

@@ -47,7 +47,7 @@ from momrec_ros.report import (
     result_row,
     result_table,
 )
-from momrec_ros.session import Ended, Lost, Result, Session
+from momrec_ros.session import CONTRADICTS, Ended, Lost, Result, Session
 from momrec_ros.shared_data import shared_path
 from momrec_ros.terminal import Terminal
 from momrec_ros.training import find_classes, recognition_rates, reconstructed_instances
@@ -83,6 +83,7 @@ class Recording:
     slices: int
     min_views: int
     max_views: int
+    max_bad_views: int
     max_objects: int
     object_timeout: float
 
@@ -212,6 +213,7 @@ def _outcomes(
         min_views=recording.min_views,
         max_objects=recording.max_objects,
         max_views=recording.max_views,
+        max_bad_views=recording.max_bad_views,
     )
     reader = read_bag(
         recording.bag, projection=recording.projection, world_frame=recording.world_frame
@@ -247,6 +249,7 @@ def _recording(
         slices=slices,
         min_views=parameters.MIN_VIEWS.default,
         max_views=parameters.MAX_VIEWS.default,
+        max_bad_views=parameters.MAX_BAD_VIEWS.default,
         max_objects=parameters.MAX_OBJECTS.default,
         object_timeout=parameters.OBJECT_TIMEOUT.default,
     )
@@ -398,6 +401,7 @@ def run_reconstruct(
     slices: int,
     tolerance: float,
     margin: float,
+    max_bad_views: int,
 ) -> int:
     """Turn masks into a mesh; see `momrec reconstruct --help`."""
     expect_new(output, bag, figures)
@@ -405,7 +409,10 @@ def run_reconstruct(
     terminal = Terminal()
     masked = read_cameras_json(folder, tolerance=tolerance, margin=margin)
     _tell_borders(masked.views, terminal)
-    result, used, losses = _intersected(masked, folder.resolve().name, slices, terminal)
+    recognizer = Recognizer(
+        slices=slices, max_views=max(2, len(masked.views)), max_bad_views=max_bad_views
+    )
+    result, used, losses = _intersected(masked, folder.resolve().name, recognizer, terminal)
     for text in losses:
         terminal.lost(text)
     _tell_coverage(used, result, terminal)
@@ -426,23 +433,28 @@ def run_reconstruct(
 
 
 def _intersected(
-    masked: MaskedViews, object_id: str, slices: int, terminal: Terminal
+    masked: MaskedViews, object_id: str, recognizer: Recognizer, terminal: Terminal
 ) -> tuple[ObjectResult, list[MaskedView], list[str]]:
     """Return what the masks say together, which were used, and what could not be used."""
-    used = []
-    losses = [f"{mask.name}: {mask.reason}" for mask in masked.rejected]
-    recognizer = Recognizer(slices=slices, max_views=max(2, len(masked.views)))
+    rejected = [f"{mask.name}: {mask.reason}" for mask in masked.rejected]
+    refused: dict[View, str] = {}
     for seen in terminal.progress(masked.views, "intersecting", len(masked.views)):
         try:
             recognizer.add_view(object_id, seen.view)
         except MomrecError as error:
-            losses.append(f"{seen.name}: {error}")
-        else:
-            used.append(seen)
+            refused[seen.view] = str(error)
     if not recognizer.objects:
-        raise MomrecError(f"Expected masks that show an object, got none: {losses[0]}")
+        raise MomrecError(f"Expected masks that show an object, got none: {rejected[0]}")
     terminal.say("joining the slices to a mesh")
-    return recognizer.result(object_id), used, losses
+    result = recognizer.result(object_id)
+    in_use = set(result.hull.views)
+    used = [seen for seen in masked.views if seen.view in in_use]
+    losses = [
+        f"{seen.name}: {refused.get(seen.view, CONTRADICTS)}"
+        for seen in masked.views
+        if seen.view not in in_use
+    ]
+    return result, used, rejected + losses
 
 
 def _tell_borders(views: Sequence[MaskedView], terminal: Terminal) -> None:

@@ -201,6 +201,7 @@ class RecognizerNode(LifecycleNode):
             min_views=self._value(parameters.MIN_VIEWS),
             max_objects=self._value(parameters.MAX_OBJECTS),
             max_views=self._value(parameters.MAX_VIEWS),
+            max_bad_views=self._value(parameters.MAX_BAD_VIEWS),
         )
         make_decoder = partial(
             ViewDecoder, self._value(parameters.PROJECTION), self._value(parameters.WORLD_FRAME)

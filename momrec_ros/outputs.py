@@ -70,6 +70,7 @@ CONTOUR_COLOR = (1.0, 0.6, 0.0, 0.6)
 AXIS_COLORS = ((1.0, 0.0, 0.0, 1.0), (0.0, 0.8, 0.0, 1.0), (0.0, 0.3, 1.0, 1.0))
 LINE_WIDTH = 0.01  # of the object's size, in displays
 TEXT_HEIGHT = 0.12  # likewise
+CONTRADICTORY = 0.9  # of a silhouette: noise and calibration leave more of it covered
 MOST_CONTOURS = 50  # views of an object whose contours are shown
 
 
@@ -289,6 +290,9 @@ def _verdict(result: ObjectResult) -> DiagnosticStatus:
         *measures,
         ("views", str(result.views)),
         ("rejected_views", str(result.rejected_views)),
+        ("contradicting_views", str(len(result.left_out))),
+        ("coverage_mean", _number(float(result.coverage.mean()))),
+        ("coverage_worst", _number(float(result.coverage.min()))),
         ("slices", str(result.slices)),
         ("area", _number(result.area)),
         ("volume", _number(result.volume)),
@@ -297,10 +301,20 @@ def _verdict(result: ObjectResult) -> DiagnosticStatus:
         ("orientation", _vector(pose.orientation)),
         ("unique_frame", "true" if unique else "false"),
     )
-    fine = label != UNKNOWN and unique
+    fine = label != UNKNOWN and unique and result.coverage.min() >= CONTRADICTORY
     return DiagnosticStatus(
-        Level.OK if fine else Level.WARN, label, _remark(result), result.object_id, values
+        Level.OK if fine else Level.WARN, label, _remarks(result), result.object_id, values
     )
+
+
+def _remarks(result: ObjectResult) -> str:
+    remarks = [_remark(result)]
+    if result.left_out:
+        remarks.append(f"left out since they contradict the others: {len(result.left_out)} views")
+    worst = result.coverage.min()
+    if worst < CONTRADICTORY:
+        remarks.append(f"views contradict one another: {worst:.0%} of one silhouette is explained")
+    return "; ".join(remarks)
 
 
 def _remark(result: ObjectResult) -> str:

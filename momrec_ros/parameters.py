@@ -12,6 +12,7 @@ __all__ = [
     "INPUT_RELIABILITY",
     "INSTANCES",
     "MARGIN",
+    "MAX_BAD_VIEWS",
     "MAX_FEATURES",
     "MAX_OBJECTS",
     "MAX_VIEWS",
@@ -142,6 +143,14 @@ MIN_VIEWS = Parameter("min_views", 2, "Views an object needs before it has a res
 MAX_VIEWS = Parameter(
     "max_views", 1000, "Views kept of each object; further views are rejected.", 2, 10_000
 )
+MAX_BAD_VIEWS = Parameter(
+    "max_bad_views",
+    10,
+    "Views of an object left out at most since they contradict its others (a wrong pose, a bad "
+    "mask), never more than a quarter; 0 for none but those that would leave nothing.",
+    0,
+    10_000,
+)
 MAX_OBJECTS = Parameter(
     "max_objects",
     16,
@@ -254,6 +263,7 @@ NODE_PARAMETERS: tuple[Parameter[Any], ...] = (
     SLICES,
     MIN_VIEWS,
     MAX_VIEWS,
+    MAX_BAD_VIEWS,
     MAX_OBJECTS,
     OBJECT_TIMEOUT,
     PROJECTION,

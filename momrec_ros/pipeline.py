@@ -418,6 +418,7 @@ class Pipeline:
             self._tell("no result", f"object {object_id!r} has no result: {error}")
         else:
             self._publish_result(result)
+            self._tell_all(self._session.told())
         self._live[object_id].published = now
 
     def _publish_result(self, result: Result) -> None:

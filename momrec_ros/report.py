@@ -45,7 +45,9 @@ def json_line(result: ObjectResult) -> str:
         One JSON object without a line break: object, label, known, distance, score, views,
         slices, area (m^2), volume (m^3), scale (world to canonical, 1/m), position [x, y, z]
         (m) and orientation [x, y, z, w] of the principal frame in the world, unique_frame,
-        rejected_views. Without a model label is "unknown", distance and score are null.
+        rejected_views, contradicting_views (of these), coverage_mean, coverage_worst (share of
+        the used silhouettes that the mesh covers again). Without a model label is "unknown",
+        distance and score are null.
     """
     recognition, canonical = result.recognition, result.canonical
     pose = pose_from_matrix(canonical.principal_frame)
@@ -65,6 +67,9 @@ def json_line(result: ObjectResult) -> str:
             "orientation": list(pose.orientation),
             "unique_frame": bool(canonical.is_unique),
             "rejected_views": result.rejected_views,
+            "contradicting_views": len(result.left_out),
+            "coverage_mean": float(result.coverage.mean()),
+            "coverage_worst": float(result.coverage.min()),
         },
         allow_nan=False,
     )
@@ -106,6 +111,7 @@ def result_row(result: ObjectResult) -> ResultRow:
         Text(f"{result.volume:.4g}"),
         Text(" ".join(f"{coordinate:.3g}" for coordinate in position)),
         Text("yes", style="green") if unique else Text("no", style="yellow"),
+        Text(f"{100 * result.coverage.min():.1f}"),
         Text(str(result.rejected_views), style="red" if result.rejected_views else ""),
     )
 
@@ -128,6 +134,7 @@ def result_table(rows: Sequence[ResultRow]) -> Table:
     for heading in ("score", "views", "area m²", "volume m³", "position m"):
         table.add_column(heading, justify="right")
     table.add_column("unique frame", justify="center")
+    table.add_column("worst covered %", justify="right")
     table.add_column("rejected", justify="right")
     for row in rows:
         table.add_row(*row)

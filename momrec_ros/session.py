@@ -15,13 +15,26 @@ from momrec_core.errors import EmptyHullError, MomrecError
 from momrec_core.recognizer import ObjectResult, Recognizer
 from momrec_ros.errors import Reason
 from momrec_ros.messages import Forget, Rejected, StampedView
+from momrec_ros.parameters import MAX_BAD_VIEWS
 
 if TYPE_CHECKING:
     from momrec_core.model import RecognitionModel
+    from momrec_core.view import View
 
-__all__ = ["NANOSECONDS", "Cause", "Ended", "Lost", "Outcome", "Result", "Session", "Tally"]
+__all__ = [
+    "CONTRADICTS",
+    "NANOSECONDS",
+    "Cause",
+    "Ended",
+    "Lost",
+    "Outcome",
+    "Result",
+    "Session",
+    "Tally",
+]
 
 NANOSECONDS = 1_000_000_000
+CONTRADICTS = "it contradicts the other views: its pose or its silhouette is wrong"
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +122,8 @@ class _Tracked:
     stamp: int
     frame_id: str
     views: dict[tuple[int, bytes], None] = field(default_factory=dict)
+    stamps: dict[View, int] = field(default_factory=dict)
+    told: set[View] = field(default_factory=set)  # that they are left out
 
 
 class Session:
@@ -121,7 +136,7 @@ class Session:
     ----------
     model : RecognitionModel or None
         Names the objects.
-    slices, min_views, max_objects, max_views : int
+    slices, min_views, max_objects, max_views, max_bad_views : int
         As for `Recognizer`.
     tally : Tally, optional
         Goes on counting.
@@ -135,6 +150,7 @@ class Session:
         min_views: int,
         max_objects: int,
         max_views: int,
+        max_bad_views: int = MAX_BAD_VIEWS.default,
         tally: Tally | None = None,
     ) -> None:
         self._recognizer = Recognizer(
@@ -143,6 +159,7 @@ class Session:
             min_views=min_views,
             max_objects=max_objects,
             max_views=max_views,
+            max_bad_views=max_bad_views,
             on_evict=lambda object_id: self._end(object_id, Cause.EVICTED),
         )
         self._max_views = max_views
@@ -186,7 +203,7 @@ class Session:
                 if event.object_id in ("", object_id):
                     self._end(object_id, Cause.FORGOTTEN)
             self._recognizer.forget(event.object_id)
-        return self._told()
+        return self.told()
 
     def end_overdue(self, now: int, timeout: float) -> list[Outcome]:
         """End the objects without a view for longer than a timeout.
@@ -208,7 +225,7 @@ class Session:
             tracked.seen_at = min(tracked.seen_at or now, now)
             if 0 < timeout * NANOSECONDS < now - tracked.seen_at:
                 self._end(object_id, Cause.TIMED_OUT)
-        return self._told()
+        return self.told()
 
     def touch(self, now: int) -> None:
         """Let all objects count as seen at a time, as after a time without inputs."""
@@ -225,7 +242,7 @@ class Session:
         """
         for object_id in self.objects:
             self._end(object_id, Cause.FINISHED)
-            yield from self._told()
+            yield from self.told()
 
     def take(self, object_id: str) -> Result:
         """Return the result of a changed object, which counts as unchanged from now on.
@@ -242,24 +259,33 @@ class Session:
         """
         del self._changed[object_id]
         tracked = self._tracked[object_id]
-        return Result(self._recognizer.result(object_id), tracked.stamp, tracked.frame_id)
+        result = self._recognizer.result(object_id)
+        self._tell_left_out(object_id, tracked, result)
+        return Result(result, tracked.stamp, tracked.frame_id)
+
+    def told(self) -> list[Outcome]:
+        """Return what came up since the last call, such as views that `take` left out."""
+        outcomes, self._outcomes = self._outcomes, []
+        return outcomes
 
     def _use(self, event: StampedView, now: int) -> None:
         if self._is_repeated(event, now):
             self._tally.repeated += 1
             return
         object_id = event.object_id
+        tracked = self._tracked[object_id]
+        tracked.stamps[event.view] = event.stamp
         try:
             self._recognizer.add_view(object_id, event.view)
         except EmptyHullError as error:
             self._changed[object_id] = None  # such views may have become the majority
+            tracked.told.add(event.view)
             self._lose(object_id, event.stamp, str(error), Reason.CONTRADICTION)
         except MomrecError as error:
             self._lose(object_id, event.stamp, str(error), Reason.EXCESS)
         else:
             self._tally.used += 1
             self._changed[object_id] = None
-            tracked = self._tracked[object_id]
             tracked.stamp, tracked.frame_id = event.stamp, event.frame_id
 
     def _is_repeated(self, event: StampedView, now: int) -> bool:
@@ -275,6 +301,21 @@ class Session:
         if len(tracked.views) > self._max_views:
             del tracked.views[next(iter(tracked.views))]
         return False
+
+    def _tell_left_out(self, object_id: str, tracked: _Tracked, result: ObjectResult) -> None:
+        """Tell, and count, which views a result leaves out or uses again."""
+        left_out = set(result.left_out)
+        again = tracked.told.intersection(result.hull.views)
+        for view in result.left_out:
+            if view not in tracked.told:
+                self._lose(object_id, tracked.stamps[view], CONTRADICTS, Reason.CONTRADICTION)
+                self._tally.used -= 1
+        if again:
+            self._tally.used += len(again)
+            self._tally.rejected[Reason.CONTRADICTION] -= len(again)
+        tracked.told = left_out
+        live = left_out.union(result.hull.views)
+        tracked.stamps = {view: at for view, at in tracked.stamps.items() if view in live}
 
     def _end(self, object_id: str, cause: Cause) -> None:
         if object_id in self._changed:
@@ -295,7 +336,3 @@ class Session:
         elif not (object_id or stamp):
             what = "message"
         self._outcomes.append(Lost(f"{what} left out: {why}", reason))
-
-    def _told(self) -> list[Outcome]:
-        outcomes, self._outcomes = self._outcomes, []
-        return outcomes

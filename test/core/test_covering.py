@@ -5,7 +5,17 @@ import pytest
 import shapely
 import trimesh
 
-from momrec_core import Camera, Coverage, View, coverage, silhouette_of_mesh
+from momrec_core import (
+    Camera,
+    Coverage,
+    DegenerateShapeError,
+    View,
+    coverage,
+    reconstruct,
+    silhouette_of_mesh,
+)
+from momrec_core.covering import covered_shares
+from momrec_core.simulation import simulate_views
 
 CAMERA = Camera.orthographic(np.eye(4))
 
@@ -55,3 +65,66 @@ def test_silhouettes_of_meshes_are_the_unions_of_their_projected_faces():
         union = shapely.union_all(kept)
         found = silhouette_of_mesh(mesh, CAMERA).silhouette
         assert shapely.symmetric_difference(found, union).area < 1e-7 * union.area
+
+
+@pytest.mark.parametrize("projection", ["orthographic", "central"])
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        trimesh.creation.box((1.0, 2.0, 3.0)),
+        trimesh.creation.torus(1.0, 0.3),
+        trimesh.creation.annulus(0.3, 0.6, 1.0),
+    ],
+    ids=["box", "torus", "annulus"],
+)
+def test_shares_by_scan_lines_are_those_by_polygons(projection, mesh):
+    rng = np.random.default_rng(4)
+    views = simulate_views(mesh, 6, rng, projection=projection, noise=0.003)
+    hull = reconstruct(views, 24).mesh()
+    moved = hull.copy().apply_translation((0.1, -0.2, 0.15))
+    for shown in (hull, moved):
+        exact = [coverage(view, shown).covered for view in views]
+        np.testing.assert_allclose(covered_shares(views, shown), exact, atol=0.004)
+
+
+def test_a_mirrored_image_changes_no_share():
+    mesh = trimesh.creation.icosphere(2)
+    views = simulate_views(mesh, 3, np.random.default_rng(0), projection="central")
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    mirrored = [
+        View(
+            Camera.pinhole(view.camera.pose, mirror @ view.camera.K),
+            shapely.transform(view.silhouette, lambda points: points * (-1.0, 1.0)),
+        )
+        for view in views
+    ]
+    smaller = mesh.copy().apply_scale(0.8)
+    expected = covered_shares(views, smaller)
+    assert expected.max() < 0.7
+    np.testing.assert_allclose(covered_shares(mirrored, smaller), expected, atol=1e-9)
+
+
+def test_what_is_outside_of_the_frame_does_not_count():
+    frame = shapely.box(-0.5, -2.0, 2.0, 2.0)
+    whole = square(2.0)
+    framed = View(whole.camera, whole.silhouette, frame)
+    mesh = trimesh.creation.box((1.0, 2.0, 1.0))
+    shares = covered_shares([whole, framed], mesh)
+    np.testing.assert_allclose(shares, [0.5, 2 / 3], atol=1e-9)
+
+
+def test_a_frame_beside_the_silhouette_is_as_good_as_none():
+    whole = square(2.0)
+    aside = View(whole.camera, whole.silhouette, shapely.box(5.0, 5.0, 6.0, 6.0))
+    assert aside.visible.equals(whole.silhouette)
+
+
+def test_no_views_have_no_shares():
+    assert covered_shares([], trimesh.creation.box()).shape == (0,)
+
+
+def test_an_open_mesh_has_no_shares():
+    mesh = trimesh.creation.box()
+    mesh.update_faces(np.arange(11))
+    with pytest.raises(DegenerateShapeError, match="two faces each"):
+        covered_shares([square(1.0)], mesh)

@@ -1,11 +1,12 @@
 """The accumulating pipeline: bounded, refined view by view, unharmed by bad views."""
 
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import trimesh
-from shapely import Polygon
+from shapely import Polygon, box
 
 from momrec_core import (
     Camera,
@@ -13,6 +14,7 @@ from momrec_core import (
     MomrecError,
     NoCommonLineError,
     View,
+    silhouette_of_mesh,
 )
 from momrec_core.hull import reconstruct
 from momrec_core.model import RecognitionModel
@@ -31,6 +33,12 @@ def far_view(view):
     pose = view.camera.pose.copy()
     pose[:3, 3] += 100 * pose[:3, 0]
     return View(Camera.orthographic(pose), view.silhouette)
+
+
+def far_half(view):
+    """Return the view as one of the half of the box beyond z = 0.4 would be."""
+    half = trimesh.creation.box((1.0, 2.0, 1.1)).apply_translation((0.0, 0.0, 0.95))
+    return silhouette_of_mesh(half, view.camera)
 
 
 def filled(views, **options):
@@ -109,6 +117,79 @@ def test_one_contradicting_view_is_counted_and_costs_nothing_else(position):
     assert all("leaves nothing" in error for error in errors)
     assert (result.views, result.rejected_views) == (6, 1)
     assert result.volume == pytest.approx(reconstruct(views, SLICES).mesh().volume, rel=0.02)
+
+
+def eroded(view):
+    """Return the view with a silhouette that lost its right half."""
+    left, low, right, high = view.silhouette.bounds
+    kept = view.silhouette.intersection(box(left, low, (left + right) / 2, high))
+    return View(view.camera, kept)
+
+
+@pytest.mark.parametrize("position", range(8))
+def test_a_bad_mask_is_left_out_wherever_it_comes(position):
+    views = box_views(8)
+    clean = reconstruct([*views[:position], *views[position + 1 :]], SLICES).mesh().volume
+    views[position] = eroded(views[position])
+    result = filled(views).result("box")
+    assert result.left_out == (views[position],)
+    assert (result.views, result.rejected_views) == (7, 1)
+    assert views[position] not in result.hull.views
+    assert result.volume == pytest.approx(clean, rel=1e-3)
+    assert result.coverage.shape == (7,)
+    assert result.coverage.min() > 0.98
+
+
+def test_with_none_to_be_left_out_a_bad_mask_stays_and_shows_in_the_coverage():
+    views = box_views(8)
+    clean = reconstruct(views, SLICES).mesh().volume
+    views[2] = eroded(views[2])
+    result = filled(views, max_bad_views=0).result("box")
+    assert (result.views, result.rejected_views, result.left_out) == (8, 0, ())
+    assert result.volume < 0.8 * clean
+    assert result.volume == pytest.approx(reconstruct(views, SLICES).mesh().volume)
+    assert result.coverage.min() < 0.9
+
+
+def test_later_views_bring_back_the_one_that_was_left_out():
+    """Of four views, three that lost a half outvote the right one; ten right ones outvote them."""
+    views = box_views(13)
+    halves = [far_half(view) for view in views[:3]]
+    recognizer = filled([*halves, views[3]])
+    early = recognizer.result("box")
+    for view in views[4:]:
+        with suppress(EmptyHullError):
+            recognizer.add_view("box", view)
+        last = recognizer.result("box")
+    assert early.left_out == (views[3],)
+    assert last.left_out == tuple(halves)
+    expected = reconstruct(views[3:], SLICES).mesh().volume
+    assert last.volume == pytest.approx(expected, rel=1e-2)
+
+
+def test_a_result_after_every_view_ends_as_one_after_the_last():
+    views = box_views(10)
+    views[0] = eroded(views[0])
+    recognizer = Recognizer(slices=SLICES)
+    for number, view in enumerate(views):
+        recognizer.add_view("box", view)
+        if number:
+            recognizer.result("box")
+    gradual, final = recognizer.result("box"), filled(views).result("box")
+    assert gradual.left_out == final.left_out == (views[0],)
+    np.testing.assert_array_equal(gradual.mesh.vertices, final.mesh.vertices)
+
+
+def test_views_left_out_do_not_pile_up():
+    views = box_views(4)
+    recognizer = filled(views, max_views=4)
+    wrong = [far_view(view) for view in views] * 5
+    for view in wrong:
+        with pytest.raises(MomrecError):
+            recognizer.add_view("box", view)
+    result = recognizer.result("box")
+    assert len(result.left_out) <= 4
+    assert (result.views, result.rejected_views) == (4, 20)
 
 
 def test_views_too_far_off_to_be_computed_with_give_way_to_the_majority():
@@ -207,7 +288,14 @@ def test_a_forgotten_object_begins_anew():
 
 
 @pytest.mark.parametrize(
-    "options", [{"min_views": 1}, {"max_objects": 0}, {"max_views": 1}, {"slices": 1}]
+    "options",
+    [
+        {"min_views": 1},
+        {"max_objects": 0},
+        {"max_views": 1},
+        {"slices": 1},
+        {"max_bad_views": -1},
+    ],
 )
 def test_numbers_out_of_range_are_refused(options):
     with pytest.raises(ValueError, match="Expected"):

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -46,6 +47,9 @@ KEYS = [
     "orientation",
     "unique_frame",
     "rejected_views",
+    "contradicting_views",
+    "coverage_mean",
+    "coverage_worst",
 ]
 
 
@@ -195,6 +199,32 @@ def test_a_view_that_contradicts_the_others_is_told_and_counted(momrec, tmp_path
     (result,) = lines(ended.out)
     assert (result["views"], result["rejected_views"]) == (4, 1)
     assert "left out" in ended.err
+
+
+def eroded(stamped):
+    """Return the view with a silhouette that lost its right half."""
+    view = stamped.view
+    left, low, right, high = view.silhouette.bounds
+    kept = view.silhouette.intersection(shapely.box(left, low, (left + right) / 2, high))
+    return replace(stamped, view=View(view.camera, kept))
+
+
+def test_a_bad_mask_is_told_by_its_stamp_and_left_out_unless_none_may_be(momrec, tmp_path):
+    views = box_views(8)
+    views[2] = eroded(views[2])
+    write_bag(tmp_path / "bag", views)
+    ended = momrec("replay", tmp_path / "bag", "--json", "--slices", 16)
+    assert ended.code == 3
+    (result,) = lines(ended.out)
+    assert (result["views"], result["rejected_views"], result["contradicting_views"]) == (7, 1, 1)
+    assert result["coverage_mean"] >= result["coverage_worst"] > 0.98
+    assert "view of object 'box' at 3.000 s left out: it contradicts" in " ".join(ended.err.split())
+    kept = momrec("replay", tmp_path / "bag", "--json", "--slices", 16, "--max-bad-views", 0)
+    assert kept.code == 0
+    (spoiled,) = lines(kept.out)
+    assert (spoiled["views"], spoiled["contradicting_views"]) == (8, 0)
+    assert spoiled["coverage_worst"] < 0.9
+    assert spoiled["volume"] < 0.8 * result["volume"]
 
 
 def test_views_in_another_frame_are_told_and_counted(momrec, tmp_path):
@@ -589,6 +619,23 @@ def test_a_mask_that_cannot_be_used_is_told_and_the_rest_is_used(momrec, photogr
     assert ended.code == 3
     assert "03.png" in ended.err
     assert (tmp_path / "mesh.ply").exists()
+
+
+def test_a_bad_mask_is_told_by_its_name_and_left_out(momrec, photographs, tmp_path):
+    folder = tmp_path / "spoiled"
+    shutil.copytree(photographs[0], folder)
+    with Image.open(folder / "03.png") as image:
+        mask = np.array(image)
+    mask[:, : int(np.flatnonzero(mask.any(axis=0)).mean())] = 0
+    Image.fromarray(mask).save(folder / "03.png")
+    ended = momrec("reconstruct", folder, "--output", tmp_path / "mesh.ply", "--slices", 16)
+    assert ended.code == 3
+    assert "03.png: it contradicts the other views" in " ".join(ended.err.split())
+    assert trimesh.load(tmp_path / "mesh.ply").volume > 0.99 * photographs[1].volume
+    options = ("--slices", 16, "--max-bad-views", 0)
+    kept = momrec("reconstruct", folder, "--output", tmp_path / "spoiled.ply", *options)
+    assert kept.code == 0
+    assert trimesh.load(tmp_path / "spoiled.ply").volume < 0.9 * photographs[1].volume
 
 
 def test_reconstruct_wants_a_mesh_format_that_it_can_write(momrec, photographs, tmp_path):

@@ -199,7 +199,14 @@ def judged(result, *, known):
     label, score = ("cone", 0.4) if known else ("unknown", 0.8)
     recognition = Recognition(label, known, 0.5, score, ranking, result.canonical)
     return ObjectResult(
-        result.object_id, result.mesh, result.canonical, recognition, result.hull, 0
+        result.object_id,
+        result.mesh,
+        result.canonical,
+        recognition,
+        result.hull,
+        rejected_views=0,
+        coverage=result.coverage,
+        left_out=(),
     )
 
 

@@ -27,6 +27,8 @@ def result_of(mesh, label="box"):
         recognition=SimpleNamespace(label=label, score=0.93, known=True),
         hull=hull,
         rejected_views=0,
+        coverage=np.ones(6),
+        left_out=(),
         views=6,
         slices=16,
         area=found.area,

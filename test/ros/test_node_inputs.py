@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graph import box_views, nanoseconds, stamps, view_message
+from shapely import box
 
+from momrec_core import View, reconstruct
 from momrec_ros.interfaces import (
     Header,
     MarkerType,
@@ -120,6 +122,36 @@ def test_a_view_beside_the_object_is_counted_as_a_contradiction(active):
     active.publisher.publish(array(replace(marker, pose=SHIFTED)))
     active.publisher.publish(view_message(second, "contradicted"))
     await_counts()
+
+
+def test_a_bad_mask_is_named_by_its_stamp_and_the_result_is_right_without_it(active):
+    active.graph.reset()
+    results = active.graph.listen("recognition", DiagnosticArray, durability="volatile")
+    views = box_views(8)
+    left, low, right, high = views[3].silhouette.bounds
+    half = views[3].silhouette.intersection(box(left, low, (left + right) / 2, high))
+    shown = [*views[:3], View(views[3].camera, half), *views[4:]]
+    given = [next(stamps) for _ in shown]
+    await_counts = await_more(active, rejected_contradiction=1, views_used=7)
+    for view, stamp in zip(shown, given, strict=True):
+        active.publisher.publish(view_message(view, "spoiled", stamp))
+    await_counts()
+
+    def last():
+        return {pair.key: pair.value for pair in results.messages[-1].status[0].values}
+
+    active.graph.until(
+        lambda: results.messages and (last()["views"], last()["contradicting_views"]) == ("7", "1"),
+        "a result without the bad mask",
+    )
+    expected = reconstruct([*views[:3], *views[4:]], 8).mesh().volume
+    assert float(last()["volume"]) == pytest.approx(expected, rel=1e-3)
+    assert float(last()["coverage_worst"]) > 0.98
+    named = f"view of object 'spoiled' at {given[3] / 1e9:.3f} s left out: it contradicts"
+    active.graph.until(
+        lambda: any(named in status["last_loss"] for status in active.health),
+        "the bad view's name",
+    )
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)], ids=["contour first", "camera_pose first"])

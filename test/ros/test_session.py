@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from shapely import box
 
 from momrec_core.errors import NoCommonLineError
 from momrec_core.simulation import simulate_views
@@ -172,3 +173,44 @@ def test_an_object_seen_before_its_clock_was_set_counts_as_seen_when_it_is(sessi
     show(session, "a", 0)
     assert session.end_overdue(100 * NANOSECONDS, 5.0) == []
     assert told(session.end_overdue(106 * NANOSECONDS, 5.0))[-1] == ("a", "timed_out")
+
+
+def spoiled(count, place):
+    """Return views of a box, one of which lost half of its silhouette."""
+    views = list(simulate_views(trimesh.creation.box((1, 2, 3)), count, np.random.default_rng(3)))
+    left, low, right, high = views[place].silhouette.bounds
+    half = views[place].silhouette.intersection(box(left, low, (left + right) / 2, high))
+    views[place] = View(views[place].camera, half)
+    return views
+
+
+def feed_all(session, views, first=0):
+    for second, view in enumerate(views, start=first):
+        session.feed(StampedView("a", second * NANOSECONDS, "map", view), second * NANOSECONDS)
+
+
+@pytest.mark.parametrize("place", [0, 3, 7])
+def test_a_view_that_contradicts_the_others_is_told_once_by_its_stamp(session, tally, place):
+    feed_all(session, spoiled(8, place))
+    named = f"view of object 'a' at {place}.000 s left out"
+    assert session.take("a").result.views == 7
+    assert told(session.told()) == [named]
+    assert (tally.used, tally.rejected) == (7, {Reason.CONTRADICTION: 1})
+    feed_all(session, box_views(2), first=8)
+    assert told(session.finish()) == [("a", 9, 9), ("a", "finished")]
+    assert (tally.used, tally.rejected) == (9, {Reason.CONTRADICTION: 1})
+
+
+def box_views(count):
+    return simulate_views(trimesh.creation.box((1, 2, 3)), count, np.random.default_rng(17))
+
+
+def test_views_that_are_used_again_are_counted_as_used(session, tally):
+    """The first view is far off; those after it contradict it until they are the majority."""
+    views = list(box_views(6))
+    pose = views[0].camera.pose.copy()
+    pose[:3, 3] += 100 * pose[:3, 0]
+    views[0] = View(type(views[0].camera)(pose), views[0].silhouette)
+    feed_all(session, views)
+    assert session.take("a").result.views == 5
+    assert (tally.used, tally.rejected[Reason.CONTRADICTION]) == (5, 1)

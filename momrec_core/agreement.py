@@ -1,0 +1,92 @@
+"""Which views contradict the others.
+
+A point on the outline of a silhouette is seen along a ray that touches the object, so that some
+point of the ray lies in every viewing volume. Where none does, either this silhouette says too
+much there, or the views that refuse the ray's best point say too little. A view that lies is one
+of these on many rays, whatever is wrong with it: its pose, its size, what it shows. Every other
+view is one of them on few.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from momrec_core.sightlines import Sightlines
+from momrec_core.view import View
+
+__all__ = ["contradicting_views"]
+
+MOST_RAYS = 64  # of each view: shares of its outline are known to a few hundredths
+ALL_RAYS = 1024  # of all views together, which bounds the time; but
+LEAST_RAYS = 16  # of each, and
+MOST_OUTLINES = 64  # evenly chosen views whose outlines are looked at
+QUORUM = 4  # views for each one that may be left out: of three, any may be the one that lies
+# Suspicions below are what calibration and noise leave: each further view adds to all of them.
+HARMLESS, HARMLESS_PER_VIEW = 0.1, 0.016
+MARGIN = 1.4  # of a liar's suspicion over those of all views that stay
+EXPLAINED = 2.3  # of a liar's suspicion over those that are left without it: noise leaves most
+
+
+def contradicting_views(views: Sequence[View], most: int) -> tuple[int, ...]:
+    """Find the views that contradict the others.
+
+    The view under the strongest suspicion is taken away first, and the others are judged anew
+    without it. Views taken away are named if they stand out from all others and if these agree
+    without them. Where that can't be told, as among three views or when two accuse one another,
+    none is named.
+
+    Parameters
+    ----------
+    views : sequence of View
+        Of one object, in any order.
+    most : int
+        Views that may be named at the most; never more than a quarter of all.
+
+    Returns
+    -------
+    indices : tuple of int
+        Of the views that contradict the others, increasing; mostly none.
+    """
+    most = min(most, len(views) // QUORUM)
+    if most < 1:
+        return ()
+    owners = np.unique(np.linspace(0, len(views) - 1, MOST_OUTLINES).astype(np.int64))
+    rays = int(np.clip(ALL_RAYS // len(owners), LEAST_RAYS, MOST_RAYS))
+    lines = Sightlines(views, owners, rays)
+    harmless = HARMLESS + HARMLESS_PER_VIEW * len(owners)
+    used = np.ones(len(views), dtype=np.bool_)
+    suspects: list[int] = []
+    rounds = [_suspicions(lines, used)]
+    while len(suspects) < most and rounds[-1].max() > harmless:
+        suspects.append(int(rounds[-1].argmax()))
+        used[suspects[-1]] = False
+        rounds.append(_suspicions(lines, used))
+    for count in range(len(suspects), 0, -1):
+        if _stand_out(suspects[:count], rounds):
+            return tuple(sorted(suspects[:count]))
+    return ()
+
+
+def _suspicions(lines: Sightlines, used: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return, for each view, the outlines' shares that cannot be right if it is.
+
+    In units of whole outlines; where several views refuse a ray they share the blame.
+    """
+    refused = lines.refusals(used)
+    refusers = refused.sum(axis=1)
+    uncovered = refusers > 0
+    own = np.bincount(lines.owners[uncovered], minlength=len(used))
+    blame = (refused[uncovered] / refusers[uncovered, None]).sum(axis=0)
+    return np.asarray((own + blame) / lines.count)
+
+
+def _stand_out(suspects: Sequence[int], rounds: Sequence[NDArray[np.float64]]) -> bool:
+    left = rounds[len(suspects)].max()
+    for suspect, suspicions in zip(suspects, rounds, strict=False):
+        others = np.delete(suspicions, suspects).max()
+        if suspicions[suspect] < max(MARGIN * others, EXPLAINED * left):
+            return False
+    return True
