@@ -88,7 +88,7 @@ def nearest_to_rays(views: Sequence[View]) -> NDArray[np.float64]:
 def lies(views: Sequence[View]) -> dict[str, Lie]:
     """Return what may be wrong with a view."""
     centre = nearest_to_rays(views)
-    other = next(read_bag(shared_path("bags/ten_objects"))).view
+    other = next(iter(read_bag(shared_path("bags/ten_objects")))).view
     found: dict[str, Lie] = {}
     for axis, name in enumerate("xyz"):
         found[f"turned about the camera's {name}"] = lambda view, axis=axis: turned(

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 __all__ = ["ObjectResult", "Recognizer"]
 
 CONSISTENT = 0.99  # of every silhouette: where as much is covered again, all views agree
+FEW_VIEWS = 24  # as long as there are no more, every view makes its object judged anew
+GROWTH = 1.1  # of many views, or so much less covered, before they are judged anew
+LOSS = 0.001
 KEPT_ASIDE = 2  # times `max_views`: all views of one object, with those left out
 
 
@@ -317,10 +320,11 @@ class Recognizer:
             if not self._judged_otherwise(gathered):
                 raise
         else:
-            doubtful = surface[1].min() < CONSISTENT or gathered.left_out
-            if not (doubtful and self._judged_otherwise(gathered)):
+            if not (gathered.is_doubtful(surface[1]) and self._judged_otherwise(gathered)):
                 return surface
-        return self._surface(object_id, gathered.hull)
+        mesh, shares = self._surface(object_id, gathered.hull)
+        gathered.judged_coverage = float(shares.mean())
+        return mesh, shares
 
     def _surface(
         self, object_id: str, hull: VisualHull
@@ -337,6 +341,7 @@ class Recognizer:
         """Judge all views; tell whether others than before are in use now."""
         views = gathered.views
         verdict = contradicting_views(views, self._max_bad_views)
+        gathered.judged_views = len(views)
         bad = {views[index] for index in verdict}
         if bad == gathered.bad:
             return False
@@ -362,6 +367,8 @@ class _Gathered:
     used_at: int = 0
     result: ObjectResult | None = None
     views: list[View] = field(default_factory=list)
+    judged_views: int = 0
+    judged_coverage: float = 1.0
     bad: set[View] = field(default_factory=set)  # those that contradict the others
 
     def keep(self, view: View, most: int) -> None:
@@ -370,6 +377,17 @@ class _Gathered:
         if len(self.views) > most:
             forgotten = next(iter(self.left_out), None)
             self.views = [kept for kept in self.views if kept is not forgotten]
+
+    def is_doubtful(self, shares: NDArray[np.float64]) -> bool:
+        """Tell by the covered shares whether the views are to be judged, which takes time."""
+        count, mean = len(self.views), float(shares.mean())
+        if shares.min() >= CONSISTENT and not self.left_out:
+            return False
+        is_due = count <= FEW_VIEWS or count > GROWTH * self.judged_views
+        if is_due or mean < self.judged_coverage - LOSS:
+            self.judged_coverage = mean
+            return True
+        return False
 
     @property
     def left_out(self) -> tuple[View, ...]:
