@@ -8,9 +8,10 @@ trimesh takes most of a second, scikit-learn another.
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from momrec_core.agreement import contradicting_views
     from momrec_core.camera import Camera
     from momrec_core.canonical import CanonicalShape, normalize
-    from momrec_core.covering import Coverage, coverage
+    from momrec_core.covering import Coverage, coverage, covered_shares
     from momrec_core.errors import (
         DegenerateShapeError,
         EmptyHullError,
@@ -49,7 +50,9 @@ else:
         "StepwiseSelector": "estimators",
         "View": "view",
         "VisualHull": "hull",
+        "contradicting_views": "agreement",
         "coverage": "covering",
+        "covered_shares": "covering",
         "load_model": "model",
         "normalize": "canonical",
         "reconstruct": "hull",
@@ -87,7 +90,9 @@ __all__ = [
     "StepwiseSelector",
     "View",
     "VisualHull",
+    "contradicting_views",
     "coverage",
+    "covered_shares",
     "load_model",
     "normalize",
     "reconstruct",

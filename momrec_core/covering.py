@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from momrec_core.errors import DegenerateShapeError
+from momrec_core.rings import number_within
 from momrec_core.scanning import outline_edges, scan_lines, scan_spans
 from momrec_core.silhouette import silhouette_of_mesh
 
@@ -112,8 +113,9 @@ def covered_shares(views: Sequence[View], mesh: trimesh.Trimesh) -> NDArray[np.f
     """
     if not views:
         return np.empty(0)
-    edges, neighbours = _shared_edges(mesh.faces)
-    fronts = _turned_to(views, mesh)
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    edges, neighbours = _shared_edges(faces)
+    fronts = _turned_to(views, vertices[faces])
     are_rims = fronts[:, neighbours[:, 0]] != fronts[:, neighbours[:, 1]]
     crossings = []
     for number, (view, front, is_rim) in enumerate(zip(views, fronts, are_rims, strict=True)):
@@ -122,7 +124,7 @@ def covered_shares(views: Sequence[View], mesh: trimesh.Trimesh) -> NDArray[np.f
         rim[backwards] = rim[backwards, ::-1]
         lines = scan_lines(view.visible, SCAN_LINES)
         spans, counts = scan_spans(*outline_edges(view.visible), lines)
-        ends = _image(view.camera, mesh.vertices[rim.ravel()]).reshape(-1, 2, 2)
+        ends = _image(view.camera, vertices[rim.ravel()]).reshape(-1, 2, 2)
         for crossing in (_span_ends(spans, counts), _line_crossings(ends, lines)):
             crossing[0] += number * SCAN_LINES
             crossings.append(crossing)
@@ -150,9 +152,8 @@ def _shared_edges(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[
     return np.column_stack([tails[first], heads[first]]), order.reshape(-1, 2) // 3
 
 
-def _turned_to(views: Sequence[View], mesh: trimesh.Trimesh) -> NDArray[np.bool_]:
+def _turned_to(views: Sequence[View], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which faces turn towards which cameras, shape (views, faces)."""
-    corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     heights = np.einsum("ij,ij->i", normals, corners[:, 0])
     eyes = np.array(
@@ -181,10 +182,12 @@ def _span_ends(spans: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray
 
 
 def _line_crossings(ends: NDArray[np.float64], lines: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return lines, places, zeros and which way edges cross; shape (4, n)."""
-    starts, stops = ends[:, 0], ends[:, 1]
-    rows, edges = np.nonzero((starts[:, 1] <= lines[:, None]) != (stops[:, 1] <= lines[:, None]))
-    start, stop = starts[edges], stops[edges]
+    """Return lines, places, zeros and which way edges cross equidistant lines; shape (4, n)."""
+    levels = np.ceil((ends[:, :, 1] - lines[0]) / (lines[1] - lines[0]))
+    first, last = np.clip(levels, 0, len(lines)).astype(np.int64).T
+    edges, numbers = number_within(np.abs(last - first))
+    rows = np.minimum(first, last)[edges] + numbers
+    start, stop = ends[edges, 0], ends[edges, 1]
     fraction = (lines[rows] - start[:, 1]) / (stop[:, 1] - start[:, 1])
     places = start[:, 0] + fraction * (stop[:, 0] - start[:, 0])
-    return np.stack([rows, places, np.zeros(len(rows)), np.sign(stop[:, 1] - start[:, 1])])
+    return np.stack([rows, places, np.zeros(len(rows)), np.sign(last - first)[edges]])

@@ -310,7 +310,7 @@ def _verdict(result: ObjectResult) -> DiagnosticStatus:
 def _remarks(result: ObjectResult) -> str:
     remarks = [_remark(result)]
     if result.left_out:
-        remarks.append(f"left out since they contradict the others: {len(result.left_out)} views")
+        remarks.append(f"views left out that contradict the others: {len(result.left_out)}")
     worst = result.coverage.min()
     if worst < CONTRADICTORY:
         remarks.append(f"views contradict one another: {worst:.0%} of one silhouette is explained")

@@ -109,6 +109,8 @@ def test_the_verdict_comes_first_and_the_hypotheses_follow_best_first(named):
     values = dict(verdict.values)
     assert (values["score"], values["distance"]) == ("0.9", "0.25")
     assert (values["views"], values["slices"], values["rejected_views"]) == ("4", "16", "1")
+    assert values["contradicting_views"] == "0"
+    assert float(values["coverage_mean"]) >= float(values["coverage_worst"]) > 0.9
     assert float(values["area"]) == pytest.approx(named.mesh.area, rel=1e-8)
     assert float(values["volume"]) == pytest.approx(named.mesh.volume, rel=1e-8)
     assert float(values["scale"]) == pytest.approx(named.canonical.scale, rel=1e-8)
@@ -116,6 +118,23 @@ def test_the_verdict_comes_first_and_the_hypotheses_follow_best_first(named):
     np.testing.assert_allclose(position, named.canonical.principal_frame[:3, 3], rtol=1e-8)
     assert len(values["orientation"].split(", ")) == 4
     assert values["unique_frame"] == str(named.canonical.is_unique).lower()
+
+
+def test_views_that_contradict_others_are_told_and_those_left_in_are_a_warning(named):
+    header = Header(STAMP, "world")
+    left_out = replace(named, left_out=(named.hull.views[0],))
+    spoiled = replace(named, coverage=np.array([1.0, 0.5, 1.0]))
+    unique = replace(named.canonical, is_unique=True)
+    first, second = (
+        result_diagnostics(replace(result, canonical=unique), header).status[0]
+        for result in (left_out, spoiled)
+    )
+    assert dict(first.values)["contradicting_views"] == "1"
+    assert "views left out that contradict the others: 1" in first.message
+    assert first.level == Level.OK
+    assert dict(second.values)["coverage_worst"] == "0.5"
+    assert "50% of one silhouette is explained" in second.message
+    assert second.level == Level.WARN
 
 
 @pytest.mark.parametrize(
