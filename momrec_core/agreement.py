@@ -25,7 +25,7 @@ LEAST_RAYS = 16  # of each, and
 MOST_OUTLINES = 64  # evenly chosen views whose outlines are looked at
 QUORUM = 4  # views for each one that may be left out: of three, any may be the one that lies
 # Suspicions below are what calibration and noise leave: each further view adds to all of them.
-HARMLESS, HARMLESS_PER_VIEW = 0.1, 0.016
+HARMLESS, HARMLESS_PER_VIEW = 0.2, 0.015
 MARGIN = 1.4  # of a liar's suspicion over those of all views that stay
 EXPLAINED = 2.3  # of a liar's suspicion over those that are left without it: noise leaves most
 
