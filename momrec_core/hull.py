@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Self
 
@@ -28,12 +28,14 @@ from momrec_core.layers import (
 )
 from momrec_core.slicing import (
     Intersection,
+    Levels,
     PlaneFamily,
-    clip_sections,
+    clip_levels,
     common_line,
+    directions_to_slice,
     height_range,
+    region_of_pairs,
     viewing_region,
-    viewing_volume,
 )
 from momrec_core.tiling import tile
 from momrec_core.view import View
@@ -42,13 +44,21 @@ __all__ = ["VisualHull", "reconstruct"]
 
 EMPTY_SHARE = 0.05  # of the planes at the ends without the hull, before the planes are laid anew
 SPARSE_SHARE = 0.34  # of the planes that still meet the hull, below which that can't wait
-SEARCH_ROUNDS, SEARCH_PLANES = 4, 4  # the hull's ends are found to 1 / 5^4 of a spacing
+SEARCH_ROUNDS, SEARCH_PLANES = 8, 4  # the hull's ends are found to a fifth of the gap each time
+END_PRECISION = 5e-3  # of the spacing: how well the hull's ends are found
 SEARCH_DENSITY = 32  # planes per spacing where a hull may hide between two planes
 END_INSET = 1e-3  # of the spacing: how far inside its ends the hull is cut for its caps
 DOUBTFUL_VOLUME = 2e-5  # of the hull's: what a slab with an event or a ledge may leave open
 EVENT_DEPTH = 8  # halvings of such a slab at the most
 MAX_LAYERS = 5  # times the slices: where everything changes everywhere, the worst comes first
 MARGIN = 0.25  # of the sections' box: what the hull may stick out between two planes
+END_MARGIN = 0.03  # of the extent along a new normal, beyond which the hull ends most likely
+WIDENINGS = 8  # doublings of that, at most
+TURN_SHARE = 0.3  # of the hull's extent along the normal: when planes along another line pay
+REFIT_SHARE = 0.9  # the same where the planes have to be laid anew anyway
+WEIGHED_STEP = 8  # planes: every so many tell the hull's extents well enough
+FEWEST_TO_TURN = 3  # views: two slice along their common line
+MAX_SPARE = 8  # silhouettes to spare: each costs as much as the hull itself
 
 
 class VisualHull:
@@ -56,19 +66,27 @@ class VisualHull:
 
     The first two views whose viewing directions differ give the planes' normal, the common line
     of their image planes. The planes are equidistant and fill the extent that the views leave;
-    when later views leave much less of it (pinhole cameras), the planes are laid anew.
+    when later views leave much less of it (pinhole cameras), the planes are laid anew. When the
+    hull is first asked for, and when the views have doubled since, the common lines of all views
+    and their directions are weighed: planes lie the denser, the shorter the hull is along their
+    normal, and the planes are turned where it is much shorter than along the present one.
 
     Parameters
     ----------
     slices : int, default 64
         Number of slicing planes.
+    spare : int, default 0
+        The hull is what lies in at least all but so many of the viewing volumes, so that as many
+        wrong silhouettes or poses cannot take anything away. At most 8.
 
     Attributes
     ----------
     views : list of View
         All views so far, in the order of their arrival.
+    spare : int
+        How many viewing volumes a point of the hull may be outside of.
     ready : bool
-        Whether two views with different viewing directions have come.
+        Whether two views with different viewing directions have come, whichever are spared.
     emptied_by : int or None
         Index of the view that left nothing of the hull.
 
@@ -78,26 +96,32 @@ class VisualHull:
     from multiple views, 1983.
     """
 
-    def __init__(self, slices: int = 64) -> None:
+    def __init__(self, slices: int = 64, *, spare: int = 0) -> None:
         if not isinstance(slices, int | np.integer) or slices < 2:
             raise ValueError(f"Expected a whole number of at least 2 slices, got {slices!r}")
+        if not isinstance(spare, int | np.integer) or not 0 <= spare <= MAX_SPARE:
+            raise ValueError(f"Expected 0 to {MAX_SPARE} silhouettes to spare, got {spare!r}")
         self._count = int(slices)
+        self.spare = int(spare)
         self.views: list[View] = []
         self.emptied_by: int | None = None
+        self._pairs: tuple[tuple[int, int], ...] = ()
         self._pair: tuple[int, int] | None = None
         self._family: PlaneFamily | None = None
-        self._sections: list[CrossSection] = []
+        self._prepared: Intersection | None = None
+        self._levels: Levels = []
+        self._weighed = 0
 
     def __copy__(self) -> Self:
-        duplicate = type(self)(self._count)
+        duplicate = type(self)(self._count, spare=self.spare)
         duplicate.__dict__.update(self.__dict__)
         duplicate.views = self.views.copy()
         return duplicate
 
     @property
     def ready(self) -> bool:
-        """Whether two views with different viewing directions have come."""
-        return self._pair is not None
+        """Whether two views with different viewing directions have come, whichever are spared."""
+        return self._family is not None
 
     def add(self, view: View) -> None:
         """Intersect the hull with one more viewing volume.
@@ -117,32 +141,53 @@ class VisualHull:
         """
         if not isinstance(view, View):
             raise InvalidContourError(f"Expected a View, got {type(view).__name__}")
-        self.views.append(view)
         if self._family is None:
+            self.views.append(view)
             self._begin()
         elif self.emptied_by is None:
-            before = self._sections
-            self._sections = clip_sections(
-                before, viewing_volume(view, self._family), self._family.offsets
-            )
-            self._after_clipping(before)
+            self._clip(view, self._family)
+        else:
+            self.views.append(view)
+
+    def _clip(self, view: View, family: PlaneFamily) -> None:
+        before = self._sections
+        self._prepared = self._intersection(family).with_view(view)
+        self.views.append(view)
+        self._levels = clip_levels(self._levels, self._prepared.volumes[0], family.offsets)
+        self._after_clipping(before)
+
+    @property
+    def _sections(self) -> list[CrossSection]:
+        return self._levels[-1]
 
     def _begin(self) -> None:
-        """Lay the planes if the last view makes a pair with an earlier one."""
+        """Lay the planes if views with different directions are there, whichever are spared."""
         last = len(self.views) - 1
-        for index, earlier in enumerate(self.views[:-1]):
-            normal = common_line(earlier, self.views[last])
-            if normal is None:
-                continue
-            self._pair = index, last
-            self._family = viewing_region(earlier, self.views[last], normal, self._count)
-            if self._family.high <= self._family.low:
-                self.emptied_by = last
-                self._sections = [CrossSection()] * self._count
-                return
-            self._sections = self._intersection(self._family).cut(self._family.offsets)
-            self._after_clipping(None)
+        lines = (common_line(earlier, self.views[last]) for earlier in self.views[:-1])
+        found = [(index, line) for index, line in enumerate(lines) if line is not None]
+        self._pairs += tuple((index, last) for index, _ in found)
+        if not found or not _outlast(self._pairs, self.spare):
             return
+        index, normal = found[0]
+        self._family = self._first_region(index, normal)
+        if self._family.high <= self._family.low:
+            self.emptied_by = last
+            self._levels = [[CrossSection()] * self._count]
+            return
+        self._cut()
+        self._after_clipping(None)
+
+    def _first_region(self, index: int, normal: NDArray[np.float64]) -> PlaneFamily:
+        """Lay planes through what the last view has in common with another, or what all have."""
+        if self.spare:
+            pairs = [(self.views[first], self.views[second]) for first, second in self._pairs]
+            return region_of_pairs(pairs, normal, self._count)
+        self._pair = index, len(self.views) - 1
+        return viewing_region(self.views[index], self.views[-1], normal, self._count)
+
+    def _cut(self) -> None:
+        family = self._require_family()
+        self._levels = self._intersection(family).levels(family.offsets)
 
     def _after_clipping(self, before: list[CrossSection] | None) -> None:
         """Keep enough planes on a hull that has become small, and notice when it is gone.
@@ -162,16 +207,18 @@ class VisualHull:
     def _search_between(self, previous: NDArray[np.int64]) -> bool:
         """Look between the planes for a hull thinner than their spacing."""
         family = self._require_family()
-        ranges = np.array([self._bracket(previous), height_range(self.views[-1], family)])
-        low, high = float(ranges[:, 0].max()), float(ranges[:, 1].min())
+        low, high = self._bracket(previous)
+        if not self.spare:
+            lowest, highest = height_range(self.views[-1], family)
+            low, high = max(low, lowest), min(high, highest)
         if low >= high:
             return False
         count = SEARCH_DENSITY * (len(previous) + 1)
         finer = PlaneFamily.spread(family.frame, family.unit, low, high, count)
-        sections = self._intersection(finer).cut(finer.offsets)
-        if len(_occupied(sections)) == 0:
+        levels = self._intersection(finer).levels(finer.offsets)
+        if len(_occupied(levels[-1])) == 0:
             return False
-        self._family, self._sections = finer, sections
+        self._family, self._levels = finer, levels
         return True
 
     def _bracket(self, occupied: NDArray[np.int64]) -> tuple[float, float]:
@@ -181,32 +228,47 @@ class VisualHull:
         return float(offsets[occupied[0]]), float(offsets[occupied[-1] + 2])
 
     def _intersection(self, family: PlaneFamily) -> Intersection:
-        return Intersection(self.views, self._require_pair(), family)
+        """Return the viewing volumes ready to be cut, prepared once for a family."""
+        if self._prepared is None or self._prepared.family is not family:
+            self._prepared = Intersection(self.views, self._pair, family, self.spare)
+        return self._prepared
 
     def _fit(self) -> None:
         """Lay the planes anew between the ends of what is left of the hull."""
         family = self._require_family()
         occupied = _occupied(self._sections)
-        low, high = self._find_ends(*self._bracket(occupied), occupied)
         bounds = np.array([self._sections[index].bounds() for index in occupied])
         corner_low, corner_high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+        ends = self._find_ends(self._bracket(occupied), family.offsets[occupied[[0, -1]]])
+        self._lay(corner_low, corner_high, ends)
+
+    def _lay(
+        self,
+        corner_low: NDArray[np.float64],
+        corner_high: NDArray[np.float64],
+        ends: tuple[float, float],
+    ) -> None:
+        """Lay the planes between two ends, through a box around the sections."""
         margin = MARGIN * (corner_high - corner_low).max()
-        self._family = family.recentred(
+        low, high = ends
+        self._family = self._require_family().recentred(
             np.array([*(corner_low - margin), low]),
             np.array([*(corner_high + margin), high]),
             self._count,
         )
-        self._sections = self._intersection(self._family).cut(self._family.offsets)
+        self._cut()
 
     def _find_ends(
-        self, low: float, high: float, occupied: NDArray[np.int64]
+        self, outside: tuple[float, float], inside: NDArray[np.float64]
     ) -> tuple[float, float]:
-        """Narrow down where the hull ends, between an empty plane and one that meets it."""
-        family = self._require_family()
-        low_inside, high_inside = family.offsets[occupied[[0, -1]]]
+        """Narrow down where the hull ends, between offsets that it does not reach and does."""
+        (low, high), (low_inside, high_inside) = outside, inside
         steps = np.arange(1, SEARCH_PLANES + 1) / (SEARCH_PLANES + 1)
-        hull = self._intersection(family)
+        hull = self._intersection(self._require_family())
+        precision = END_PRECISION * (high_inside - low_inside) / self._count
         for _ in range(SEARCH_ROUNDS):
+            if max(low_inside - low, high - high_inside) <= precision:
+                break
             from_low = low + steps * (low_inside - low)
             from_high = high + steps * (high_inside - high)
             found = _meets(hull.cut(np.concatenate([from_low, from_high])))
@@ -215,27 +277,74 @@ class VisualHull:
         return low, high
 
     def _settle(self) -> PlaneFamily:
-        """Return the planes, laid anew if too many at the ends do not meet the hull."""
+        """Return the planes, turned or laid anew where that makes them denser on the hull."""
         self._require_family()
         if self.emptied_by is None:
             occupied = _occupied(self._sections)
             unused = self._count - (occupied[-1] - occupied[0] + 1)
-            if unused > EMPTY_SHARE * self._count:
+            is_due = bool(unused > EMPTY_SHARE * self._count)
+            if not self._turn(REFIT_SHARE if is_due else TURN_SHARE) and is_due:
                 self._fit()
         return self._require_family()
+
+    def _turn(self, share: float) -> bool:
+        """Turn the planes if the hull's extent along another normal is less than a share.
+
+        Directions are weighed only when there are twice as many views as the last time.
+        """
+        if len(self.views) < max(2 * self._weighed, FEWEST_TO_TURN):
+            return False
+        self._weighed = len(self.views)
+        points = self._outlines(WEIGHED_STEP)
+        normals, pairs = directions_to_slice(self.views)
+        extents = np.ptp(points @ normals.T, axis=0)
+        best = int(np.argmin(extents))
+        present = np.ptp(points @ self._require_family().frame[:3, 2])
+        if extents[best] > share * present:
+            return False
+        self._turn_to(normals[best], None if self.spare else pairs[best])
+        return True
+
+    def _outlines(self, step: int = 1) -> NDArray[np.float64]:
+        """Return corners of every so many sections' convex hulls in the world, shape (n, 3)."""
+        family = self._require_family()
+        chosen = _occupied(self._sections)[::step]
+        outlines = [self._sections[index].hull().to_polygons()[0] for index in chosen]
+        heights = np.repeat(family.offsets[chosen], [len(outline) for outline in outlines])
+        return family.to_world(np.column_stack([np.concatenate(outlines), heights]))
+
+    def _turn_to(self, normal: NDArray[np.float64], pair: tuple[int, int] | None) -> None:
+        """Lay the planes perpendicular to another normal, the common line of a pair or not."""
+        points = self._outlines()
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        reach = (1 + MARGIN) * float(np.linalg.norm(points - middle, axis=1).max())
+        self._family = PlaneFamily.through_sphere(middle, reach, normal, self._count)
+        self._pair = pair
+        box = self._family.to_planes(points)
+        low, high = box.min(axis=0), box.max(axis=0)
+        inside = np.array([low[2], high[2]])
+        self._lay(low[:2], high[:2], self._find_ends(self._outside(inside), inside))
+
+    def _outside(self, inside: NDArray[np.float64]) -> tuple[float, float]:
+        """Return offsets that the hull does not reach, beyond two that it about reaches."""
+        hull = self._intersection(self._require_family())
+        margin = END_MARGIN * (inside[1] - inside[0]) * np.array([-1.0, 1.0])
+        for _ in range(WIDENINGS):
+            met = _meets(hull.cut(inside + margin))
+            if not met.any():
+                break
+            margin[met] *= 2
+        low, high = inside + margin
+        return float(low), float(high)
 
     def _require_family(self) -> PlaneFamily:
         if self._family is None:
             raise NoCommonLineError(
                 "Expected two views with different viewing directions, got "
                 f"{len(self.views)} from the same side"
+                + (f" without {self.spare} of them" if self.spare else "")
             )
         return self._family
-
-    def _require_pair(self) -> tuple[int, int]:
-        if self._pair is None:
-            raise NoCommonLineError("Expected two views with different viewing directions")
-        return self._pair
 
     @property
     def plane_frame(self) -> NDArray[np.float64]:
@@ -328,6 +437,15 @@ class VisualHull:
         return without_needless(layers, slabs, set(offsets), doubtful)
 
 
+def _outlast(pairs: Sequence[tuple[int, int]], spare: int) -> bool:
+    """Tell whether a pair is left, whichever views are left out, so many of them."""
+    if not pairs or spare == 0:
+        return bool(pairs)
+    return all(
+        _outlast([pair for pair in pairs if view not in pair], spare - 1) for view in pairs[0]
+    )
+
+
 def _meets(sections: list[CrossSection]) -> NDArray[np.bool_]:
     return np.array([not section.is_empty() for section in sections])
 
@@ -346,7 +464,7 @@ def _narrow(
     return (float(offsets[first - 1]) if first else outside), float(offsets[first])
 
 
-def reconstruct(views: Iterable[View], slices: int = 64) -> VisualHull:
+def reconstruct(views: Iterable[View], slices: int = 64, *, spare: int = 0) -> VisualHull:
     """Return the visual hull of views.
 
     Parameters
@@ -355,12 +473,14 @@ def reconstruct(views: Iterable[View], slices: int = 64) -> VisualHull:
         In any order; at least two with different viewing directions for a mesh.
     slices : int, default 64
         Number of slicing planes.
+    spare : int, default 0
+        How many viewing volumes a point of the hull may be outside of.
 
     Returns
     -------
     hull : VisualHull
     """
-    hull = VisualHull(slices)
+    hull = VisualHull(slices, spare=spare)
     for view in views:
         hull.add(view)
     return hull

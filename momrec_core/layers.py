@@ -31,6 +31,7 @@ __all__ = [
 CLEANING = 1e-3  # units: vertices that stand out less are rounding, not shape; float32 keeps it
 MIN_AREA_RATIO = 0.4  # of two matching pieces, below which one contour is no image of the other
 MAX_AREA_RATIO = 1 / MIN_AREA_RATIO
+LEAST_WIDTH = 0.5  # of a piece's box, in x or y, that the matching piece's box has too
 STEEPEST = 20.0  # shift over height of a slanted body that is followed between layers: 87 degrees
 FEW_PAIRS = 4096  # of pieces: above, a tree of boxes finds candidates faster than trying all
 LEDGE = 0.1  # of the largest section: a change in area between adjacent layers worth locating
@@ -288,6 +289,10 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     areas = np.concatenate([layer.areas for layer in sides])
     is_pair = (np.bincount(labels) == 2)[labels[lower]]
     is_pair &= _are_similar(areas[lower], areas[upper])
+    boxes = np.concatenate([layer.bounds for layer in sides])
+    widths = boxes[:, 2:] - boxes[:, :2]
+    least, most = (take(widths[lower], widths[upper]) for take in (np.minimum, np.maximum))
+    is_pair &= (least > LEAST_WIDTH * most).all(axis=1)
     is_left = np.ones(count, dtype=bool)
     sides_of, places = side_of.tolist(), place.tolist()
     for low, high in zip(lower[is_pair].tolist(), upper[is_pair].tolist(), strict=True):

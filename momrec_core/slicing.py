@@ -8,7 +8,9 @@ the same for a coin and a car.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import manifold3d
@@ -22,10 +24,13 @@ from momrec_core.view import View
 
 __all__ = [
     "Intersection",
+    "Levels",
     "PlaneFamily",
-    "clip_sections",
+    "clip_levels",
     "common_line",
+    "directions_to_slice",
     "height_range",
+    "region_of_pairs",
     "viewing_direction",
     "viewing_region",
     "viewing_volume",
@@ -37,6 +42,8 @@ STRIP_COSINE = 1e-5  # of direction and normal: below, the volume is one of stri
 RADIUS = 1000.0  # units: of the region of interest
 CENTRE_DISTANCE = 1e-4  # units: a plane nearer to a camera centre is taken as if this far from it
 REGION_FACTOR = 3.0  # safety on the size that two views suggest, for cones that meet far outside
+MAX_WEIGHED = 16  # views whose directions are weighed: 120 common lines are dense enough
+SOUND_SINE = 0.2  # of the angle between two views whose common line is worth turning to
 EVEN_ODD = manifold3d.FillRule.EvenOdd
 
 
@@ -119,6 +126,16 @@ class PlaneFamily:
         """Distance between adjacent planes, in units."""
         return (self.high - self.low) / len(self.offsets)
 
+    @classmethod
+    def through_sphere(
+        cls, centre: NDArray[np.float64], radius: float, normal: NDArray[np.float64], count: int
+    ) -> PlaneFamily:
+        """Make a sphere the region of interest, with planes perpendicular to a unit vector."""
+        frame = np.eye(4)
+        frame[:3, :3] = _axes_along(normal)
+        frame[:3, 3] = centre
+        return cls.spread(frame, radius / RADIUS, -RADIUS, RADIUS, count)
+
     def to_planes(self, points_world: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points in the planes' frame, in units; shape (..., 3)."""
         return (points_world - self.frame[:3, 3]) @ self.frame[:3, :3] / self.unit
@@ -136,6 +153,14 @@ class PlaneFamily:
         factor = float(np.linalg.norm(high - low)) / 2 / RADIUS
         half = float(high[2] - low[2]) / 2 / factor
         return self.spread(frame, self.unit * factor, -half, half, count)
+
+
+def _axes_along(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a rotation matrix whose last column is a unit vector."""
+    aside = np.eye(3)[np.argmin(np.abs(normal))]
+    x = np.cross(aside, normal)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(normal, x), normal])
 
 
 def viewing_region(
@@ -159,22 +184,72 @@ def viewing_region(
         parallel projection; for a pinhole the ends of its cone within the region. `high` is
         below `low` where the two have nothing in common.
     """
+    centre, radius = _common_sphere(first, second)
+    family = PlaneFamily.through_sphere(centre, radius, normal, count)
+    ranges = np.array([height_range(view, family) for view in (first, second)])
+    low, high = max(-RADIUS, float(ranges[:, 0].max())), min(RADIUS, float(ranges[:, 1].min()))
+    return PlaneFamily.spread(family.frame, family.unit, low, high, count)
+
+
+def region_of_pairs(
+    pairs: Sequence[tuple[View, View]], normal: NDArray[np.float64], count: int
+) -> PlaneFamily:
+    """Lay planes through all the space that any of several pairs of views have in common.
+
+    Parameters
+    ----------
+    pairs : sequence of (View, View)
+        Views with different viewing directions.
+    normal : array, shape (3,)
+        The planes' normal.
+    count : int
+        Number of planes.
+
+    Returns
+    -------
+    family : PlaneFamily
+        Its planes fill the region of interest.
+    """
+    spheres = [_common_sphere(first, second) for first, second in pairs]
+    centres = np.array([centre for centre, _ in spheres])
+    radii = np.array([radius for _, radius in spheres])
+    centre = np.average(centres, axis=0, weights=1 / radii)
+    reach = np.linalg.norm(centres - centre, axis=1) + radii
+    return PlaneFamily.through_sphere(centre, float(reach.max()), normal, count)
+
+
+def _common_sphere(first: View, second: View) -> tuple[NDArray[np.float64], float]:
+    """Return centre and radius of a sphere that what two views have in common lies in."""
     views = (first, second)
     directions = np.array([viewing_direction(view) for view in views])
     middles = np.array([_middle_point(view) for view in views])
     centre = _nearest_to_lines(middles, directions)
-    radii = [_apparent_radius(view, centre) for view in views]
     sine = np.linalg.norm(np.cross(*directions))
-    along = directions[0] - (directions[0] @ normal) * normal
-    along /= np.linalg.norm(along)
-    frame = np.eye(4)
-    frame[:3, :3] = np.column_stack([along, np.cross(normal, along), normal])
-    frame[:3, 3] = centre
-    unit = float(REGION_FACTOR * sum(radii) / sine / RADIUS)
-    family = PlaneFamily.spread(frame, unit, -RADIUS, RADIUS, count)
-    ranges = np.array([height_range(view, family) for view in views])
-    low, high = max(-RADIUS, float(ranges[:, 0].max())), min(RADIUS, float(ranges[:, 1].min()))
-    return PlaneFamily.spread(frame, unit, low, high, count)
+    sizes = sum(_apparent_radius(view, centre) for view in views)
+    return centre, float(REGION_FACTOR * sizes / sine)
+
+
+def directions_to_slice(
+    views: Sequence[View],
+) -> tuple[NDArray[np.float64], list[tuple[int, int] | None]]:
+    """Return directions that planes may be perpendicular to, for some views evenly chosen.
+
+    Returns
+    -------
+    normals : array, shape (n, 3)
+        The common lines of two views, and viewing directions, in the world.
+    pairs : list of (int, int) or None
+        The two views of each common line.
+    """
+    chosen = np.unique(np.linspace(0, len(views) - 1, MAX_WEIGHED).round().astype(int))
+    directions = np.array([viewing_direction(views[index]) for index in chosen])
+    first, second = np.triu_indices(len(chosen), 1)
+    lines = np.cross(directions[first], directions[second])
+    sines = np.linalg.norm(lines, axis=1)
+    sound = np.flatnonzero(sines > SOUND_SINE)
+    lines = lines[sound] / sines[sound, None]
+    pairs = zip(chosen[first[sound]].tolist(), chosen[second[sound]].tolist(), strict=True)
+    return np.concatenate([lines, directions]), [*pairs, *([None] * len(chosen))]
 
 
 def _middle_point(view: View) -> NDArray[np.float64]:
@@ -244,36 +319,71 @@ class Intersection:
     ----------
     views : sequence of View
         The views.
-    pair : (int, int)
-        Which two of them gave the family's normal.
+    pair : (int, int) or None
+        Two of them whose common line is the family's normal, if there are.
     family : PlaneFamily
         The planes' frame.
+    spare : int, default 0
+        How many viewing volumes a point may be outside of.
+
+    Attributes
+    ----------
+    family : PlaneFamily
+        As given.
+    volumes : list of functions
+        Those of the views besides the pair, see `viewing_volume`, the newest first.
     """
 
-    def __init__(self, views: Sequence[View], pair: tuple[int, int], family: PlaneFamily) -> None:
-        first, second = (views[index] for index in pair)
-        self._start = _intersected_pair(first, second, family)
-        others = [view for index, view in enumerate(views) if index not in pair]
-        self._volumes = [viewing_volume(view, family) for view in reversed(others)]
+    def __init__(
+        self,
+        views: Sequence[View],
+        pair: tuple[int, int] | None,
+        family: PlaneFamily,
+        spare: int = 0,
+    ) -> None:
+        self._start: Callable[[NDArray[np.float64]], Levels] = partial(_whole_region, 1 + spare)
+        others = list(views)
+        if pair is not None and not spare:
+            first, second = (views[index] for index in pair)
+            self._start = _intersected_pair(first, second, family)
+            others = [view for index, view in enumerate(views) if index not in pair]
+        self.family = family
+        self.volumes = [viewing_volume(view, family) for view in reversed(others)]
+
+    def with_view(self, view: View) -> Intersection:
+        """Return the intersection with one more viewing volume."""
+        joined = copy(self)
+        joined.volumes = [viewing_volume(view, self.family), *self.volumes]
+        return joined
 
     def cut(self, offsets: NDArray[np.float64]) -> list[CrossSection]:
-        """Return the cross-sections at offsets in units, as many; the newest views come first.
+        """Return the cross-sections at offsets in units, as many."""
+        return self.levels(offsets)[-1]
 
-        The newest leave the least.
+    def levels(self, offsets: NDArray[np.float64]) -> Levels:
+        """Return the cross-sections at offsets for every number of views to spare.
+
+        The newest views come first, as they leave the least.
         """
-        sections = self._start(offsets)
-        for volume in self._volumes:
-            sections = clip_sections(sections, volume, offsets)
-        return sections
+        levels = self._start(offsets)
+        for volume in self.volumes:
+            levels = clip_levels(levels, volume, offsets)
+        return levels
 
 
+def _whole_region(count: int, offsets: NDArray[np.float64]) -> Levels:
+    whole = CrossSection.square((2 * RADIUS, 2 * RADIUS), center=True)
+    return [[whole] * len(offsets) for _ in range(count)]
+
+
+Levels = list[list[CrossSection]]
 Footprint = Callable[[int], CrossSection]
 ViewingVolume = Callable[[NDArray[np.float64]], Footprint]
 
 
 def _intersected_pair(
     first: View, second: View, family: PlaneFamily
-) -> Callable[[NDArray[np.float64]], list[CrossSection]]:
+) -> Callable[[NDArray[np.float64]], Levels]:
     """Return a function that cuts the intersection of two viewing volumes, plane by plane.
 
     For parallel projection, each silhouette is rasterised into scan-line segments perpendicular
@@ -282,25 +392,24 @@ def _intersected_pair(
     """
     if first.camera.is_pinhole or second.camera.is_pinhole:
         volumes = [viewing_volume(view, family) for view in (first, second)]
-        whole = CrossSection.square((2 * RADIUS, 2 * RADIUS), center=True)
 
-        def cut_cones(offsets: NDArray[np.float64]) -> list[CrossSection]:
-            sections = clip_sections([whole] * len(offsets), volumes[0], offsets)
-            return clip_sections(sections, volumes[1], offsets)
+        def cut_cones(offsets: NDArray[np.float64]) -> Levels:
+            levels = clip_levels(_whole_region(1, offsets), volumes[0], offsets)
+            return clip_levels(levels, volumes[1], offsets)
 
         return cut_cones
 
     rasters = [_Raster.of(view, family) for view in (first, second)]
     from_spans = np.linalg.inv(np.array([raster.across for raster in rasters]))
 
-    def cut_prisms(offsets: NDArray[np.float64]) -> list[CrossSection]:
+    def cut_prisms(offsets: NDArray[np.float64]) -> Levels:
         (spans1, counts1), (spans2, counts2) = (raster.spans(offsets) for raster in rasters)
         planes, numbers = number_within(counts1 * counts2)
         one, other = np.divmod(numbers, counts2[planes])
         low1, high1 = spans1[(np.cumsum(counts1) - counts1)[planes] + one].T
         low2, high2 = spans2[(np.cumsum(counts2) - counts2)[planes] + other].T
         corners = np.stack([low1, low2, high1, low2, high1, high2, low1, high2], axis=-1)
-        return _sections(corners.reshape(-1, 4, 2) @ from_spans.T, counts1 * counts2, EVEN_ODD)
+        return [_sections(corners.reshape(-1, 4, 2) @ from_spans.T, counts1 * counts2, EVEN_ODD)]
 
     return cut_prisms
 
@@ -362,19 +471,18 @@ class _Raster:
         return positions[order].reshape(-1, 2), counts
 
 
-def clip_sections(
-    sections: Sequence[CrossSection], volume: ViewingVolume, offsets: NDArray[np.float64]
-) -> list[CrossSection]:
+def clip_levels(levels: Levels, volume: ViewingVolume, offsets: NDArray[np.float64]) -> Levels:
     """Clip every cross-section with one more viewing volume.
 
     Projecting a plane into an image, clipping there and projecting back is one affine map for
     parallel projection and one homography for a pinhole, so the silhouette is brought into the
-    plane and the clip is done there.
+    plane and the clip is done there. What is in all volumes but j is, with one more of them,
+    either in that one, or was in all but j - 1.
 
     Parameters
     ----------
-    sections : sequence of n CrossSection
-        What the views before have left.
+    levels : list of lists of n CrossSection
+        What the views before have left, for every number of them that may be spared, from 0.
     volume : function
         The viewing volume to clip with, see `viewing_volume`.
     offsets : array, shape (n,)
@@ -382,13 +490,18 @@ def clip_sections(
 
     Returns
     -------
-    sections : list of n CrossSection
+    levels : list of lists of n CrossSection
     """
     footprint = volume(offsets)
-    return [
-        section if section.is_empty() else section ^ footprint(index)
-        for index, section in enumerate(sections)
-    ]
+    met = [index for index, section in enumerate(levels[-1]) if not section.is_empty()]
+    cuts = [(index, footprint(index)) for index in met]
+    clipped = [sections.copy() for sections in levels]
+    for number, sections in enumerate(clipped):
+        for index, cut in cuts:
+            sections[index] ^= cut
+            if number:
+                sections[index] += levels[number - 1][index]
+    return clipped
 
 
 def viewing_volume(view: View, family: PlaneFamily) -> ViewingVolume:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
@@ -16,6 +17,7 @@ __all__ = ["Bands", "walk_bands"]
 VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
 DOUBTFUL_MISFIT = 0.15  # bands above are worth the second look
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
+WASTEFUL = 1.3  # times a stepped surface's area: a band above leads nowhere, a slanted one is below
 MAX_GRID = 4_000_000  # cells: bands above keep the greedy walk, so that memory is bounded
 
 
@@ -84,8 +86,34 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
         best, owners, misfits[doubtful] = _best_bands(rings, pairs[doubtful], expected[doubtful])
         parts.append(best)
         numbers.append(doubtful[owners])
+    triangles, bands = np.concatenate(parts), np.concatenate(numbers)
     is_poor = misfits > POOR_MISFIT + expected.slant
-    return Bands(np.concatenate(parts), np.concatenate(numbers), is_poor)
+    slanted = np.flatnonzero((misfits > POOR_MISFIT) & ~is_poor)
+    if len(slanted):
+        areas = np.bincount(bands, weights=_areas(rings.points[triangles]))
+        is_poor[slanted] = areas[slanted] > WASTEFUL * _stepped_areas(rings, pairs[slanted])
+    return Bands(triangles, bands, is_poor)
+
+
+def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the areas of triangles, shape (n, 3, 3)."""
+    sides = corners[:, 1:] - corners[:, :1]
+    return np.asarray(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2)
+
+
+def _stepped_areas(rings: Rings, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the areas of surfaces that run level where contours differ, and upright elsewhere."""
+    low, high = pairs.T
+    height = rings.points[rings.first[high], 2] - rings.points[rings.first[low], 2]
+    upright = height * (rings.lengths[low] + rings.lengths[high]) / 2
+    steps = [(_region(rings, one) ^ _region(rings, other)).area() for one, other in pairs.tolist()]
+    differing = np.abs(rings.areas[low]) + np.abs(rings.areas[high]) - 2 * np.array(steps)
+    return np.asarray(upright + differing)
+
+
+def _region(rings: Rings, ring: int) -> CrossSection:
+    loop = rings.points[rings.first[ring] : rings.first[ring + 1], :2]
+    return CrossSection([loop], FillRule.EvenOdd)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 import copy
 import io
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import shapely
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from manifold3d import Manifold, OpType
 from reference import exact_hull, random_solid
 
 from momrec_core import (
@@ -386,3 +388,137 @@ def test_contours_of_thousands_of_vertices_are_joined_within_bounded_memory():
     mesh = hull.mesh()
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(volume_of_slices(hull), rel=1e-2)
+
+
+def turntable_of_pinholes(mesh, count, distance, height):
+    """Look with one fixed camera at a turning object; poses in the turntable's frame."""
+    size = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
+    fixed = pose_towards((1.0, 0.0, -height), distance=distance * size)
+    turns = [
+        trimesh.transformations.rotation_matrix(-angle, (0.0, 0.0, 1.0))
+        for angle in 2 * np.pi * np.arange(count) / count
+    ]
+    return [silhouette_of_mesh(mesh, Camera.pinhole(turn @ fixed, K)) for turn in turns]
+
+
+def centred(mesh):
+    return mesh.apply_translation(-mesh.bounds.mean(axis=0))
+
+
+@pytest.mark.parametrize("distance", [2.0, 50.0])
+@pytest.mark.parametrize("height", [0.0, 0.4])
+def test_one_camera_and_a_turntable_give_the_exact_hull(distance, height):
+    for seed in range(3):
+        mesh = centred(random_solid(np.random.default_rng(seed)))
+        views = turntable_of_pinholes(mesh, 12, distance, height)
+        exact = exact_hull(views, 200.0)
+        surface = reconstruct(views, 64).mesh()
+        assert surface.is_watertight
+        assert surface.volume == pytest.approx(exact.volume(), rel=5e-3)
+        assert surface.area == pytest.approx(exact.surface_area(), rel=1e-2)
+
+
+def test_cameras_may_be_inside_the_bounding_sphere():
+    long = trimesh.creation.box((2.0, 0.2, 0.3))
+    ball = trimesh.creation.icosphere(3, radius=0.2).apply_translation((0.6, 0.0, 0.1))
+    mesh = trimesh.boolean.union([long, ball])
+    directions = [(0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0, 1, 1), (0, -1, 1), (0.3, 1, -1)]
+    views = [
+        silhouette_of_mesh(mesh, Camera.pinhole(pose_towards(direction, distance=0.8), K))
+        for direction in directions
+    ]
+    for order in (views, views[::-1], views[3:] + views[:3]):
+        assert np.abs(compare(reconstruct(order, 64), order)).max() < 5e-3
+
+
+def test_planes_turn_to_where_the_hull_is_short():
+    """The first two views are above each other, and so slice a standing rod along its length."""
+    rod = trimesh.creation.box((0.2, 0.3, 4.0))
+    rod.apply_transform(trimesh.transformations.rotation_matrix(0.1, (1.0, 0.3, 0.0)))
+    directions = [(1.0, 0.1, 0.0), (0.3, 1.0, 0.0), (0.2, 0.4, -1.0), (1.0, 1.0, -0.5)]
+    views = [
+        silhouette_of_mesh(rod, Camera.pinhole(pose_towards(direction, distance=5.0), K))
+        for direction in directions
+    ]
+    hull = reconstruct(views[:2], 32)
+    assert abs(hull.plane_frame[2, 2]) > 0.99
+    hull.add(views[2])
+    hull.add(views[3])
+    assert abs(hull.plane_frame[2, 2]) < 0.5
+    assert np.abs(compare(hull, views)).max() < 5e-3
+
+
+def test_volume_and_area_do_not_depend_on_the_order_of_pinholes():
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        views = ring_of_cameras(random_solid(rng), 12, 0.3)
+        meshes = [reconstruct([views[k] for k in rng.permutation(12)], 64).mesh() for _ in range(2)]
+        assert np.ptp([mesh.volume for mesh in meshes]) < 5e-3 * meshes[0].volume
+        assert np.ptp([mesh.area for mesh in meshes]) < 1e-2 * meshes[0].area
+
+
+def exact_with_spare(views, spare):
+    """Return what is in all viewing volumes but some, whichever."""
+    kept = combinations(views, len(views) - spare)
+    return Manifold.batch_boolean([exact_hull(views) for views in kept], OpType.Add)
+
+
+@pytest.mark.parametrize("spare", [1, 2])
+@pytest.mark.parametrize("projection", ["orthographic", "central"])
+def test_silhouettes_to_spare_give_the_union_of_the_hulls_without_them(spare, projection):
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        views = simulate_views(random_solid(rng), 5, rng, projection=projection)
+        exact = exact_with_spare(views, spare)
+        hull = reconstruct(views, 64, spare=spare)
+        mesh = hull.mesh()
+        assert mesh.is_watertight
+        assert volume_of_slices(hull) == pytest.approx(exact.volume(), rel=5e-3)
+        assert mesh.volume == pytest.approx(exact.volume(), rel=5e-3)
+        assert mesh.area == pytest.approx(exact.surface_area(), rel=2e-2)
+
+
+@pytest.mark.parametrize("position", [0, 1, 7])
+def test_a_wrong_view_takes_nothing_away_where_one_is_spared(position):
+    rng = np.random.default_rng(8)
+    mesh = random_solid(rng)
+    views = simulate_views(mesh, 8, rng)
+    far = shapely.affinity.translate(views[position].silhouette, 3.0, 3.0)
+    views[position] = View(views[position].camera, far)
+    assert reconstruct(views, 32).emptied_by is not None
+    without = exact_hull([view for index, view in enumerate(views) if index != position])
+    tolerant = reconstruct(views, 64, spare=1)
+    assert tolerant.emptied_by is None
+    assert tolerant.mesh().volume == pytest.approx(without.volume(), rel=5e-3)
+
+
+def test_two_wrong_views_empty_a_hull_that_spares_one():
+    mesh = trimesh.creation.box((1.0, 0.7, 0.5))
+    views = turntable(mesh, 6)
+    for index in (1, 4):
+        far = shapely.affinity.translate(views[index].silhouette, 0.0, 9.0 + index)
+        views[index] = View(views[index].camera, far)
+    hull = reconstruct(views, 16, spare=1)
+    assert hull.emptied_by == 4
+    with pytest.raises(EmptyHullError, match="view 4 "):
+        hull.mesh()
+    assert reconstruct(views, 16, spare=2).mesh().volume > 0.99 * mesh.volume
+
+
+def test_a_hull_is_ready_when_views_from_two_sides_are_left_whichever_are_spared():
+    mesh = trimesh.creation.box((1.0, 0.7, 0.5))
+    sides = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)]
+    hull = VisualHull(16, spare=1)
+    for ready, direction in zip((False, False, False, True), sides, strict=True):
+        hull.add(silhouette_of_mesh(mesh, Camera.orthographic(pose_towards(direction))))
+        assert hull.ready == ready
+    assert hull.mesh().volume == pytest.approx(mesh.volume, rel=1e-3)
+    with pytest.raises(NoCommonLineError, match="from the same side without 3 of them"):
+        reconstruct(hull.views, spare=3).mesh()
+    assert copy.copy(hull).spare == 1
+
+
+def test_silhouettes_to_spare_are_a_small_whole_number():
+    for spare in (-1, 9, 0.5, "1", None):
+        with pytest.raises(ValueError, match="Expected 0 to 8 silhouettes to spare, got"):
+            VisualHull(16, spare=spare)
