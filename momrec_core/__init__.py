@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     )
     from momrec_core.estimators import MinimumDistanceClassifier, StepwiseSelector
     from momrec_core.hull import VisualHull, reconstruct
+    from momrec_core.lens import Lens
     from momrec_core.model import Recognition, RecognitionModel, load_model
     from momrec_core.moments import surface_moments
     from momrec_core.recognizer import ObjectResult, Recognizer
@@ -39,6 +40,7 @@ else:
         "EmptyHullError": "errors",
         "InvalidCameraError": "errors",
         "InvalidContourError": "errors",
+        "Lens": "lens",
         "MinimumDistanceClassifier": "estimators",
         "ModelFormatError": "errors",
         "MomrecError": "errors",
@@ -79,6 +81,7 @@ __all__ = [
     "EmptyHullError",
     "InvalidCameraError",
     "InvalidContourError",
+    "Lens",
     "MinimumDistanceClassifier",
     "ModelFormatError",
     "MomrecError",
