@@ -75,10 +75,48 @@ float64 x
 float64 y
 float64 z
 """,
+    "geometry_msgs/Transform": """\
+geometry_msgs/Vector3 translation
+geometry_msgs/Quaternion rotation
+""",
+    "geometry_msgs/TransformStamped": """\
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/Transform transform
+""",
+    "sensor_msgs/CameraInfo": """\
+std_msgs/Header header
+uint32 height
+uint32 width
+string distortion_model
+float64[] d
+float64[9] k
+float64[9] r
+float64[12] p
+uint32 binning_x
+uint32 binning_y
+sensor_msgs/RegionOfInterest roi
+""",
     "sensor_msgs/CompressedImage": """\
 std_msgs/Header header
 string format
 uint8[] data
+""",
+    "sensor_msgs/Image": """\
+std_msgs/Header header
+uint32 height
+uint32 width
+string encoding
+uint8 is_bigendian
+uint32 step
+uint8[] data
+""",
+    "sensor_msgs/RegionOfInterest": """\
+uint32 x_offset
+uint32 y_offset
+uint32 height
+uint32 width
+bool do_rectify
 """,
     "shape_msgs/Mesh": """\
 shape_msgs/MeshTriangle[] triangles
@@ -98,6 +136,9 @@ builtin_interfaces/Time stamp
 string frame_id
 """,
     "std_msgs/String": "string data\n",
+    "tf2_msgs/TFMessage": """\
+geometry_msgs/TransformStamped[] transforms
+""",
     "visualization_msgs/Marker": """\
 int32 ARROW=0
 int32 CUBE=1
@@ -159,11 +200,20 @@ TYPE_HASHES = {
     "geometry_msgs/msg/PoseStamped": (
         "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8"
     ),
+    "sensor_msgs/msg/CameraInfo": (
+        "RIHS01_b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275"
+    ),
+    "sensor_msgs/msg/Image": (
+        "RIHS01_d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47"
+    ),
     "shape_msgs/msg/Mesh": (
         "RIHS01_f2150b82d8ee7e8bc3f396a2b158aefb4b9a5510a474be271ba1268aebb55289"
     ),
     "std_msgs/msg/String": (
         "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+    ),
+    "tf2_msgs/msg/TFMessage": (
+        "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
     ),
     "visualization_msgs/msg/Marker": (
         "RIHS01_45b13ccf791f225962bf74e746f9644518855d783a6f42ba0cc14fde2b4f3ce0"

@@ -19,12 +19,14 @@ from momrec_ros.errors import CdrError
 
 __all__ = [
     "BoundingBox3D",
+    "CameraInfo",
     "CompressedImage",
     "Detection3D",
     "Detection3DArray",
     "DiagnosticArray",
     "DiagnosticStatus",
     "Header",
+    "Image",
     "Level",
     "Marker",
     "MarkerAction",
@@ -35,17 +37,22 @@ __all__ = [
     "PolygonStamped",
     "Pose",
     "PoseStamped",
+    "RegionOfInterest",
     "Transform",
+    "decode_camera_info",
     "decode_detection_array",
     "decode_diagnostic_array",
+    "decode_image",
     "decode_marker_array",
     "decode_mesh",
     "decode_polygon_stamped",
     "decode_pose_stamped",
     "decode_string",
     "decode_transforms",
+    "encode_camera_info",
     "encode_detection_array",
     "encode_diagnostic_array",
+    "encode_image",
     "encode_marker",
     "encode_marker_array",
     "encode_marker_blocks",
@@ -130,6 +137,47 @@ class PolygonStamped:
 
     header: Header
     points: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Image:
+    """sensor_msgs/Image; ``step`` is the length of a row in bytes."""
+
+    header: Header = Header()
+    height: int = 0
+    width: int = 0
+    encoding: str = ""
+    is_bigendian: int = 0
+    step: int = 0
+    data: bytes = b""
+
+
+@dataclass(frozen=True)
+class RegionOfInterest:
+    """sensor_msgs/RegionOfInterest; all zeros for the whole image."""
+
+    x_offset: int = 0
+    y_offset: int = 0
+    height: int = 0
+    width: int = 0
+    do_rectify: bool = False
+
+
+@dataclass(frozen=True)
+class CameraInfo:
+    """sensor_msgs/CameraInfo; k, r (3 x 3) and p (3 x 4) row by row, for the full resolution."""
+
+    header: Header = Header()
+    height: int = 0
+    width: int = 0
+    distortion_model: str = ""
+    d: tuple[float, ...] = ()
+    k: tuple[float, ...] = (0.0,) * 9
+    r: tuple[float, ...] = (0.0,) * 9
+    p: tuple[float, ...] = (0.0,) * 12
+    binning_x: int = 0
+    binning_y: int = 0
+    roi: RegionOfInterest = RegionOfInterest()
 
 
 @dataclass(frozen=True)
@@ -304,7 +352,7 @@ def _write_header(writer: CdrWriter, header: Header) -> None:
     writer.string(header.frame_id)
 
 
-def _read_image(reader: CdrReader) -> CompressedImage:
+def _read_compressed_image(reader: CdrReader) -> CompressedImage:
     return CompressedImage(
         _read_header(reader, "texture.header"),
         reader.string("texture.format"),
@@ -312,7 +360,7 @@ def _read_image(reader: CdrReader) -> CompressedImage:
     )
 
 
-def _write_image(writer: CdrWriter, image: CompressedImage) -> None:
+def _write_compressed_image(writer: CdrWriter, image: CompressedImage) -> None:
     _write_header(writer, image.header)
     writer.string(image.format)
     writer.octets(image.data)
@@ -337,7 +385,7 @@ def _read_marker(reader: CdrReader) -> Marker:
         points=reader.array("f8", 3, "points"),
         colors=reader.array("f4", 4, "colors"),
         texture_resource=reader.string("texture_resource"),
-        texture=_read_image(reader),
+        texture=_read_compressed_image(reader),
         uv_coordinates=reader.array("f4", 2, "uv_coordinates"),
         text=reader.string("text"),
         mesh_resource=reader.string("mesh_resource"),
@@ -365,7 +413,7 @@ def _write_marker_shape(writer: CdrWriter, marker: Marker) -> None:
     writer.array("f8", 3, marker.points)
     writer.array("f4", 4, marker.colors)
     writer.string(marker.texture_resource)
-    _write_image(writer, marker.texture)
+    _write_compressed_image(writer, marker.texture)
     writer.array("f4", 2, marker.uv_coordinates)
     writer.string(marker.text)
     writer.string(marker.mesh_resource)
@@ -475,6 +523,63 @@ def encode_pose_stamped(pose: PoseStamped) -> bytes:
     writer = CdrWriter()
     _write_header(writer, pose.header)
     writer.numbers("7d", 8, *pose.pose.position, *pose.pose.orientation)
+    return writer.finish()
+
+
+def decode_image(data: bytes) -> Image:
+    """Read a sensor_msgs/Image; `CdrError` if the bytes are not exactly one."""
+    reader = CdrReader(data)
+    header = _read_header(reader, "header")
+    height, width = reader.numbers("2I", 4, "height and width")
+    encoding = reader.string("encoding")
+    (is_bigendian,) = reader.numbers("B", 1, "is_bigendian")
+    (step,) = reader.numbers("I", 4, "step")
+    pixels = reader.octets("data")
+    reader.finish()
+    return Image(header, height, width, encoding, is_bigendian, step, pixels)
+
+
+def encode_image(image: Image) -> bytes:
+    """Write a sensor_msgs/Image; `CdrError` if a value fits no message."""
+    writer = CdrWriter()
+    _write_header(writer, image.header)
+    writer.numbers("2I", 4, image.height, image.width)
+    writer.string(image.encoding)
+    writer.numbers("B", 1, image.is_bigendian)
+    writer.numbers("I", 4, image.step)
+    writer.octets(image.data)
+    return writer.finish()
+
+
+def decode_camera_info(data: bytes) -> CameraInfo:
+    """Read a sensor_msgs/CameraInfo; `CdrError` if the bytes are not exactly one."""
+    reader = CdrReader(data)
+    header = _read_header(reader, "header")
+    height, width = reader.numbers("2I", 4, "height and width")
+    model = reader.string("distortion_model")
+    d = tuple(reader.array("f8", 1, "d").ravel().tolist())
+    numbers = reader.numbers("30d", 8, "k, r and p")
+    binning_x, binning_y = reader.numbers("2I", 4, "binning")
+    x, y, roi_height, roi_width = reader.numbers("4I", 4, "roi")
+    roi = RegionOfInterest(x, y, roi_height, roi_width, reader.boolean("roi.do_rectify"))
+    reader.finish()
+    k, r, p = numbers[:9], numbers[9:18], numbers[18:]
+    return CameraInfo(header, height, width, model, d, k, r, p, binning_x, binning_y, roi)
+
+
+def encode_camera_info(info: CameraInfo) -> bytes:
+    """Write a sensor_msgs/CameraInfo; `CdrError` if a value fits no message."""
+    writer = CdrWriter()
+    _write_header(writer, info.header)
+    writer.numbers("2I", 4, info.height, info.width)
+    writer.string(info.distortion_model)
+    writer.array("f8", 1, np.reshape(info.d, (-1, 1)))
+    for form, values in (("9d", info.k), ("9d", info.r), ("12d", info.p)):
+        writer.numbers(form, 8, *values)
+    roi = info.roi
+    region = (roi.x_offset, roi.y_offset, roi.height, roi.width)
+    writer.numbers("6I", 4, info.binning_x, info.binning_y, *region)
+    writer.numbers("B", 1, bool(roi.do_rectify))
     return writer.finish()
 
 

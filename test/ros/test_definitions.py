@@ -20,4 +20,4 @@ def test_a_definition_is_that_of_jazzy(name):
 
 def test_an_unknown_type_has_no_definition():
     with pytest.raises(KeyError):
-        message_definition("sensor_msgs/msg/Image")
+        message_definition("sensor_msgs/msg/PointCloud2")

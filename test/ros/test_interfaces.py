@@ -26,7 +26,7 @@ from hypothesis.extra import numpy as hnp
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, RegionOfInterest
 from shape_msgs.msg import Mesh, MeshTriangle
 from std_msgs.msg import ColorRGBA, Header, String
 from visualization_msgs.msg import Marker, MarkerArray, MeshFile, UVCoordinate
@@ -250,6 +250,70 @@ def test_a_pose_is_the_bytes_of_rclpy_and_comes_back(header, pose):
     assert interfaces.decode_pose_stamped(interfaces.encode_pose_stamped(stamped)) == stamped
 
 
+uint32 = st.integers(0, 2**32 - 1)
+images = st.builds(
+    interfaces.Image,
+    headers,
+    uint32,
+    uint32,
+    text,
+    st.integers(0, 255),
+    uint32,
+    st.binary(max_size=9),
+)
+
+
+@given(images)
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_an_image_is_the_bytes_of_rclpy_and_comes_back(image):
+    expected = Image(**vars(image) | {"header": ros_header(image.header)})
+    assert_same_as_rclpy(interfaces.encode_image, image, expected, "sensor_msgs/msg/Image")
+    assert interfaces.decode_image(interfaces.encode_image(image)) == image
+
+
+def numbers(count):
+    return st.tuples(*[number] * count)
+
+
+camera_infos = st.builds(
+    interfaces.CameraInfo,
+    headers,
+    uint32,
+    uint32,
+    text,
+    st.lists(number, max_size=9).map(tuple),
+    numbers(9),
+    numbers(9),
+    numbers(12),
+    uint32,
+    uint32,
+    st.builds(interfaces.RegionOfInterest, uint32, uint32, uint32, uint32, st.booleans()),
+)
+
+
+@given(camera_infos)
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_a_camera_info_is_the_bytes_of_rclpy_and_comes_back(info):
+    changed = {"header": ros_header(info.header), "roi": RegionOfInterest(**vars(info.roi))}
+    expected = CameraInfo(**vars(info) | changed)
+    assert_same_as_rclpy(
+        interfaces.encode_camera_info, info, expected, "sensor_msgs/msg/CameraInfo"
+    )
+    assert interfaces.decode_camera_info(interfaces.encode_camera_info(info)) == info
+
+
+def test_every_truncation_of_an_image_and_of_its_camera_info_is_refused():
+    image = interfaces.Image(interfaces.Header(5, "camera"), 2, 3, "mono8", 0, 3, bytes(6))
+    info = interfaces.CameraInfo(interfaces.Header(5, "camera"), d=(0.1,) * 5)
+    for decode, data in (
+        (interfaces.decode_image, interfaces.encode_image(image)),
+        (interfaces.decode_camera_info, interfaces.encode_camera_info(info)),
+    ):
+        for length in range(len(data)):
+            with pytest.raises(CdrError, match="Expected"):
+                decode(data[:length])
+
+
 @given(text)
 @settings(max_examples=30, deadline=None, derandomize=True)
 def test_a_string_is_the_bytes_of_rclpy_and_comes_back(label):
@@ -353,6 +417,9 @@ def test_arbitrary_bytes_raise_nothing_but_our_error(data):
         interfaces.decode_marker_array,
         interfaces.decode_polygon_stamped,
         interfaces.decode_pose_stamped,
+        interfaces.decode_image,
+        interfaces.decode_camera_info,
+        interfaces.decode_transforms,
         interfaces.decode_diagnostic_array,
         interfaces.decode_mesh,
         interfaces.decode_string,
