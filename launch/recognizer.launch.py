@@ -13,7 +13,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = "momrec_ros"
-INPUTS = ("contours", "contour", "camera_pose")
+INPUTS = ("contours", "contour", "camera_pose", "mask", "camera_info")
 PARAMETER_TYPES = {"model": str, "autostart": bool, "use_sim_time": bool}
 
 

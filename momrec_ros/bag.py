@@ -15,10 +15,21 @@ from typing import Any
 
 import yaml  # type: ignore[import-untyped]
 
-from momrec_ros.bag_writer import CONTOURS_TYPE, METADATA_FILE, BagWriter
+from momrec_ros.bag_writer import (
+    CAMERA_INFO_TYPE,
+    CONTOURS_TYPE,
+    MASK_TYPE,
+    METADATA_FILE,
+    POSE_TYPE,
+    BagWriter,
+)
 from momrec_ros.errors import BagError
+from momrec_ros.mask_messages import MaskRules
 from momrec_ros.mcap_scan import Loss, McapScan, RawMessage
-from momrec_ros.messages import Event, Forget, Rejected, StampedView, ViewDecoder
+from momrec_ros.messages import MAX_POINTS, Event, Forget, Rejected, StampedView, ViewDecoder
+from momrec_ros.parameters import PoseSource
+from momrec_ros.transform_buffer import TransformBuffer
+from momrec_ros.transforms import TRANSFORMS_TYPE
 
 __all__ = [
     "BagError",
@@ -36,8 +47,13 @@ __all__ = [
 INPUTS = {
     "contours": CONTOURS_TYPE,
     "contour": "geometry_msgs/msg/PolygonStamped",
-    "camera_pose": "geometry_msgs/msg/PoseStamped",
+    "camera_pose": POSE_TYPE,
+    "mask": MASK_TYPE,
+    "camera_info": CAMERA_INFO_TYPE,
 }
+SIDE_INPUTS = ("camera_info",)  # alone they are neither a view nor half of one
+SILHOUETTES = ("contours", "contour", "mask")
+TRANSFORMS = {"/tf": False, "/tf_static": True}  # and whether they hold for ever
 ENCODING = "cdr"
 SORTING_WINDOW = 1 << 25  # bytes of messages held back to sort them by time
 MESSAGE_OVERHEAD = 512  # bytes that a held message takes beside its data
@@ -132,8 +148,10 @@ class BagReader:
 
     def _wanted(self, topic: str, type_name: str, encoding: str) -> bool:
         _, name = _split_topic(topic)
+        if encoding == ENCODING and topic in TRANSFORMS:
+            return self._decoder.uses_transforms and type_name == TRANSFORMS_TYPE
         if encoding == ENCODING and INPUTS.get(name) == type_name:
-            if topic not in self._inputs:
+            if topic not in self._inputs and name not in SIDE_INPUTS:
                 self._inputs.append(topic)
             return True
         if len(self._others) < LISTED_TOPICS:
@@ -142,10 +160,16 @@ class BagReader:
 
     def _events(self, message: RawMessage) -> tuple[Event, ...]:
         namespace, name = _split_topic(message.topic)
+        if message.topic in TRANSFORMS:
+            return self._decoder.transforms(message.data, is_static=TRANSFORMS[message.topic])
         if name == "contours":
             return self._decoder.marker_array(message.data)
         if name == "contour":
             return self._decoder.polygon(message.data, namespace)
+        if name == "mask":
+            return self._decoder.mask(message.data, namespace)
+        if name == "camera_info":
+            return self._decoder.camera_info(message.data, namespace)
         return self._decoder.camera_pose(message.data, namespace)
 
     def _sorted(self) -> Iterator[RawMessage]:
@@ -170,9 +194,12 @@ class BagReader:
         return message
 
     def _notes(self) -> Iterator[str]:
-        cameras = {_split_topic(topic)[0] for topic in self._inputs if not _is_array(topic)}
-        arrays = [topic for topic in self._inputs if _is_array(topic)]
-        sources = [*arrays, *(f"{camera}/contour" for camera in sorted(cameras))]
+        sources = [
+            topic
+            for name in SILHOUETTES
+            for topic in sorted(self._inputs)
+            if _split_topic(topic)[1] == name
+        ]
         if len(sources) > 1:
             yield f"contours on {len(sources)} topics, all of them used: {', '.join(sources)}"
         if not self._is_sorted:
@@ -185,8 +212,8 @@ class BagReader:
         topics = ", ".join(f"{topic} ({kind})" for topic, kind in self._others.items())
         lost = "".join(f"; {loss.reason}" for loss in self.report.losses[:1])
         return (
-            f"Expected a topic named contours ({CONTOURS_TYPE}), or contour and camera_pose, in "
-            f"the bag, got {topics or 'no topics'}{lost}"
+            f"Expected a topic named contours ({CONTOURS_TYPE}), or contour and camera_pose, or "
+            f"mask, camera_info and camera_pose, in the bag, got {topics or 'no topics'}{lost}"
         )
 
 
@@ -197,16 +224,14 @@ def _timed(event: Event, log_time: int) -> Event:
     return event
 
 
-def _is_array(topic: str) -> bool:
-    return _split_topic(topic)[1] == "contours"
-
-
 def read_bag(
     path: str | Path,
     *,
     projection: str = "auto",
     world_frame: str = "",
-    max_points: int | None = None,
+    max_points: int = MAX_POINTS,
+    rules: MaskRules | None = None,
+    pose_source: str = PoseSource.TOPIC,
 ) -> BagReader:
     """Open a bag.
 
@@ -218,27 +243,31 @@ def read_bag(
         As for `ViewDecoder`.
     world_frame : str
         As for `ViewDecoder`.
-    max_points : int, optional
+    max_points : int
         As for `ViewDecoder`.
+    rules : MaskRules, optional
+        As for `ViewDecoder`.
+    pose_source : {"topic", "tf"}
+        Whether masks' cameras are where ``camera_pose`` says, or ``/tf`` and ``/tf_static``.
 
     Returns
     -------
     reader : BagReader
         Yields `StampedView`, `Forget` and `Rejected`. Reads the topics of any namespace named
-        ``contours`` (MarkerArray), and pairs of ``contour`` and ``camera_pose``. Its iteration
-        raises `BagError` at the end if there was no such topic.
+        ``contours`` (MarkerArray), pairs of ``contour`` and ``camera_pose``, and ``mask`` with
+        ``camera_info`` and ``camera_pose``. Its iteration raises `BagError` at the end if there
+        was no such topic.
 
     Raises
     ------
     BagError
         If there is no bag, it is of another kind, or none of its files can be read.
     MessageError
-        If the projection is none of the three.
+        As for `ViewDecoder`.
     """
-    decoder = (
-        ViewDecoder(projection, world_frame)
-        if max_points is None
-        else ViewDecoder(projection, world_frame, max_points=max_points)
+    transforms = TransformBuffer() if pose_source == PoseSource.TF else None
+    decoder = ViewDecoder(
+        projection, world_frame, max_points=max_points, rules=rules, transforms=transforms
     )
     path = Path(path)
     if not path.is_dir():

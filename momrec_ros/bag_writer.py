@@ -18,19 +18,37 @@ from mcap.writer import CompressionType, Writer
 from momrec_ros.definitions import TYPE_HASHES, message_definition
 from momrec_ros.errors import BagError
 from momrec_ros.files import new_file, new_folder
-from momrec_ros.messages import StampedView, encode_view
+from momrec_ros.messages import StampedView, encode_mask, encode_view
 from momrec_ros.outputs import markers_message, object_markers, result_messages
 from momrec_ros.session import Result
 
 if TYPE_CHECKING:  # bags without results need no scikit-learn
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from momrec_core.camera import Camera
     from momrec_core.recognizer import ObjectResult
 
-__all__ = ["CONTOURS_TOPIC", "CONTOURS_TYPE", "METADATA_FILE", "NODE_NAME", "BagWriter"]
+__all__ = [
+    "CAMERA_INFO_TYPE",
+    "CONTOURS_TOPIC",
+    "CONTOURS_TYPE",
+    "MASK_TYPE",
+    "METADATA_FILE",
+    "NODE_NAME",
+    "POSE_TYPE",
+    "BagWriter",
+]
 
 CONTOURS_TOPIC = "/contours"
 CONTOURS_TYPE = "visualization_msgs/msg/MarkerArray"
 NODE_NAME = "recognizer"
 METADATA_FILE = "metadata.yaml"
+MASK_TYPE = "sensor_msgs/msg/Image"
+CAMERA_INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+POSE_TYPE = "geometry_msgs/msg/PoseStamped"
+MASK_TOPICS = {"/mask": MASK_TYPE, "/camera_info": CAMERA_INFO_TYPE, "/camera_pose": POSE_TYPE}
+CAMERA_FRAME = "camera"  # the optical frame of masks
 METADATA_VERSION = 9
 CHUNK_SIZE = 786_432  # bytes, as rosbag2's mcap plugin writes
 LAST_STAMP = (1 << 31) * 1_000_000_000  # nanoseconds: what builtin_interfaces/Time can hold
@@ -63,7 +81,7 @@ class _Topic:
         self.name = name
         self.type_name = type_name
         self.count = 0
-        is_result = name != CONTOURS_TOPIC
+        is_result = name.startswith(f"/{NODE_NAME}/")
         self.qos = (
             _qos(durability="transient_local", depth=RESULTS_DEPTH)
             if is_result
@@ -199,6 +217,33 @@ class BagWriter:
             If the stamp or a name fits no message.
         """
         self._write(CONTOURS_TOPIC, CONTOURS_TYPE, stamped.stamp, encode_view(stamped))
+
+    def write_mask(
+        self, inside: NDArray[np.bool_], camera: Camera, stamp: int, frame_id: str
+    ) -> None:
+        """Write a mask on ``/mask`` with ``/camera_info`` and ``/camera_pose``, at its stamp.
+
+        Parameters
+        ----------
+        inside : array of bool, shape (height, width)
+            Which pixels are object.
+        camera : Camera
+            A pinhole without distortion.
+        stamp : int
+            Time of exposure, nanoseconds.
+        frame_id : str
+            Name of the world frame.
+
+        Raises
+        ------
+        CdrError, BagError
+            If the stamp or a name fits no message.
+        InvalidCameraError
+            If the projection is parallel, which no camera_info tells of.
+        """
+        parts = encode_mask(inside, camera, stamp, frame_id, CAMERA_FRAME)
+        for (topic, type_name), data in zip(MASK_TOPICS.items(), parts, strict=True):
+            self._write(topic, type_name, stamp, data)
 
     def write_result(self, result: ObjectResult, stamp: int, frame_id: str) -> None:
         """Write what the node publishes for a result, below ``/recognizer``.

@@ -16,9 +16,22 @@ from PIL import Image
 from shapely import MultiPolygon, Polygon
 
 from momrec_core import Camera, InvalidContourError, MomrecError, View
-from momrec_ros.masks import MAX_PIXELS, MaskContours, contours_of_mask, hull_silhouette
+from momrec_ros.masks import (
+    MAX_PIXELS,
+    MaskContours,
+    contours_of_mask,
+    hull_silhouette,
+    object_pixels,
+)
 
-__all__ = ["CamerasError", "MaskedView", "MaskedViews", "RejectedMask", "read_cameras_json"]
+__all__ = [
+    "CamerasError",
+    "MaskedView",
+    "MaskedViews",
+    "RejectedMask",
+    "read_cameras_json",
+    "read_mask",
+]
 
 FILE_NAME = "cameras.json"
 MAX_JSON_BYTES = 32_000_000  # some 10,000 views
@@ -45,6 +58,8 @@ class MaskedView:
     ----------
     name : str
         The mask's path as cameras.json gives it.
+    path : Path
+        The mask's file.
     view : View
         Camera in the world of P, silhouette in pixels (world units for parallel projection):
         the one of `hull_silhouette`, grown and open at the image's border.
@@ -59,6 +74,7 @@ class MaskedView:
     """
 
     name: str
+    path: Path
     view: View
     seen: MultiPolygon
     frame: Polygon
@@ -120,13 +136,13 @@ def read_cameras_json(
     rejected = []
     for entry in entries:
         try:
-            mask = _read_mask(entry)
+            mask = _read_pixels(entry.mask, entry.size)
             contours.append((entry, contours_of_mask(mask, tolerance=tolerance, min_area=min_area)))
         except (_BadMaskError, InvalidContourError) as error:
             rejected.append(RejectedMask(entry.name, str(error)))
     signs = _signs([(entry.P, found.region.centroid) for entry, found in contours])
     views = tuple(
-        _masked_view(entry.name, sign * entry.P, found, margin)
+        _masked_view(entry, sign * entry.P, found, margin)
         for (entry, found), sign in zip(contours, signs, strict=True)
     )
     return MaskedViews(views, tuple(rejected))
@@ -247,16 +263,40 @@ def _is_parallel(P: NDArray[np.float64]) -> bool:
 # --- masks ----------------------------------------------------------------------------------
 
 
-def _read_mask(entry: _Entry) -> NDArray[np.generic]:
+def read_mask(masked: MaskedView) -> NDArray[np.bool_]:
+    """Read the mask of a view again.
+
+    Parameters
+    ----------
+    masked : MaskedView
+        One of `read_cameras_json`.
+
+    Returns
+    -------
+    inside : array of bool, shape (height, width)
+        Which pixels are object.
+
+    Raises
+    ------
+    CamerasError
+        If the file has changed meanwhile, and is no mask any more.
+    """
+    try:
+        return object_pixels(_read_pixels(masked.path, None))
+    except (_BadMaskError, OSError, InvalidContourError) as error:
+        raise CamerasError(f"{masked.name}: {error}") from error
+
+
+def _read_pixels(path: Path, size_given: tuple[int, int] | None) -> NDArray[np.generic]:
     """Return the pixels of a mask, booleans or unsigned integers, shape (height, width)."""
-    size = entry.mask.stat().st_size
+    size = path.stat().st_size
     if size > MAX_MASK_BYTES:
         raise _BadMaskError(f"Expected a mask of at most {MAX_MASK_BYTES} bytes, got {size}")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(entry.mask, formats=MASK_FORMATS) as image:
-                return _pixels(image, entry.size)
+            with Image.open(path, formats=MASK_FORMATS) as image:
+                return _pixels(image, size_given)
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise _BadMaskError(f"Expected at most {MAX_PIXELS} pixels, got more: {error}") from error
     except (OSError, ValueError, SyntaxError, EOFError) as error:
@@ -310,7 +350,7 @@ def _ray(
 
 
 def _masked_view(
-    name: str, P: NDArray[np.float64], contours: MaskContours, margin: float
+    entry: _Entry, P: NDArray[np.float64], contours: MaskContours, margin: float
 ) -> MaskedView:
     camera, pixels_from_image = _parallel(P) if _is_parallel(P) else (_pinhole(P), np.eye(2, 3))
 
@@ -321,7 +361,8 @@ def _masked_view(
     silhouette = hull_silhouette(contours, margin=margin)
     frame = shapely.transform(contours.frame, to_image)
     return MaskedView(
-        name,
+        entry.name,
+        entry.mask,
         View(camera, shapely.transform(silhouette, to_image), frame),
         shapely.transform(contours.region, to_image),
         frame,

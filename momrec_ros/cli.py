@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from momrec_ros import parameters
-from momrec_ros.parameters import Parameter, Projection, SimulatedProjection
+from momrec_ros.parameters import Parameter, PoseSource, Projection, SimulatedProjection
 
 __all__ = ["app", "main"]
 
@@ -71,6 +71,10 @@ Distance = Annotated[float, _option(parameters.DISTANCE)]
 Seed = Annotated[int, _option(parameters.SEED)]
 Tolerance = Annotated[float, _option(parameters.TOLERANCE)]
 Margin = Annotated[float, _option(parameters.MARGIN)]
+PoseSourceRule = Annotated[PoseSource, _option(parameters.POSE_SOURCE)]
+Rectified = Annotated[
+    bool, typer.Option("--rectified", help=parameters.RECTIFIED.description, show_default=False)
+]
 MaxFeatures = Annotated[int, _option(parameters.MAX_FEATURES)]
 Order = Annotated[int, _option(parameters.ORDER)]
 Workers = Annotated[int, _option(parameters.WORKERS)]
@@ -124,13 +128,17 @@ def replay(
     max_objects: MaxObjects = parameters.MAX_OBJECTS.default,
     object_timeout: ObjectTimeout = parameters.OBJECT_TIMEOUT.default,
     world_frame: WorldFrame = parameters.WORLD_FRAME.default,
+    pose_source: PoseSourceRule = PoseSource.TOPIC,
+    rectified: Rectified = parameters.RECTIFIED.default,
+    tolerance: Tolerance = parameters.TOLERANCE.default,
+    margin: Margin = parameters.MARGIN.default,
 ) -> None:
-    """Turn the contours of a recorded bag into meshes, canonical shapes and names.
+    """Turn the contours or masks of a recorded bag into meshes, canonical shapes and names.
 
     Without a model the objects are reconstructed and normalised, but not named.
     """
     with _plain_interrupts():
-        from momrec_ros.commands import Recording, run_replay  # noqa: PLC0415
+        from momrec_ros.commands import MaskRules, Recording, run_replay  # noqa: PLC0415
 
     recording = Recording(
         bag=bag,
@@ -142,6 +150,8 @@ def replay(
         max_bad_views=max_bad_views,
         max_objects=max_objects,
         object_timeout=object_timeout,
+        pose_source=pose_source,
+        rules=MaskRules(tolerance, margin, rectified),
     )
     raise typer.Exit(run_replay(recording, model, output, figures, json=json))
 
@@ -265,6 +275,10 @@ def reconstruct(
     *,
     output: Annotated[Path, typer.Option(help="New mesh file: .ply, .stl or .glb.")],
     bag: Annotated[Path | None, typer.Option(help="New bag folder for the same views.")] = None,
+    mask_bag: Annotated[
+        Path | None,
+        typer.Option(help="New bag folder for the masks, with camera_info and camera_pose."),
+    ] = None,
     figures: FiguresOutput = None,
     slices: Slices = parameters.SLICES.default,
     tolerance: Tolerance = parameters.TOLERANCE.default,
@@ -281,6 +295,7 @@ def reconstruct(
             output,
             bag,
             figures,
+            mask_bag=mask_bag,
             slices=slices,
             tolerance=tolerance,
             margin=margin,

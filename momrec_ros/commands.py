@@ -20,7 +20,7 @@ from momrec_core.view import View
 from momrec_ros import parameters
 from momrec_ros.bag import read_bag
 from momrec_ros.bag_writer import BagWriter
-from momrec_ros.cameras_json import MaskedView, MaskedViews, read_cameras_json
+from momrec_ros.cameras_json import MaskedView, MaskedViews, read_cameras_json, read_mask
 from momrec_ros.demo_folder import replaced_folder
 from momrec_ros.experiment import Plan
 from momrec_ros.experiment_folder import Objects, write_experiment
@@ -37,6 +37,7 @@ from momrec_ros.files import (
 )
 from momrec_ros.lessons import assess, split_sources
 from momrec_ros.mask_coverage import mask_coverage
+from momrec_ros.mask_messages import MaskRules
 from momrec_ros.messages import StampedView
 from momrec_ros.report import (
     ResultRow,
@@ -55,6 +56,7 @@ from momrec_ros.workers import FigureDrawer
 
 __all__ = [
     "Course",
+    "MaskRules",
     "Recording",
     "Sources",
     "run_demo",
@@ -86,6 +88,8 @@ class Recording:
     max_bad_views: int
     max_objects: int
     object_timeout: float
+    pose_source: str
+    rules: MaskRules
 
 
 @dataclass(frozen=True)
@@ -216,7 +220,11 @@ def _outcomes(
         max_bad_views=recording.max_bad_views,
     )
     reader = read_bag(
-        recording.bag, projection=recording.projection, world_frame=recording.world_frame
+        recording.bag,
+        projection=recording.projection,
+        world_frame=recording.world_frame,
+        rules=recording.rules,
+        pose_source=recording.pose_source,
     )
     events = terminal.progress(reader, "replaying", reader.size, lambda: reader.position)
     now = 0
@@ -252,6 +260,8 @@ def _recording(
         max_bad_views=parameters.MAX_BAD_VIEWS.default,
         max_objects=parameters.MAX_OBJECTS.default,
         object_timeout=parameters.OBJECT_TIMEOUT.default,
+        pose_source=parameters.POSE_SOURCE.default,
+        rules=MaskRules(),
     )
 
 
@@ -398,13 +408,14 @@ def run_reconstruct(
     bag: Path | None,
     figures: Path | None,
     *,
+    mask_bag: Path | None = None,
     slices: int,
     tolerance: float,
     margin: float,
     max_bad_views: int,
 ) -> int:
     """Turn masks into a mesh; see `momrec reconstruct --help`."""
-    expect_new(output, bag, figures)
+    expect_new(output, bag, mask_bag, figures)
     check_mesh_output(output)
     terminal = Terminal()
     masked = read_cameras_json(folder, tolerance=tolerance, margin=margin)
@@ -422,14 +433,21 @@ def run_reconstruct(
             views = [view.view for view in masked.views]
             for stamped in _stamped(result.object_id, views, count(FIRST_STAMP, STEP)):
                 writer.write_view(stamped)
+        if mask_bag is not None:
+            _write_masks(masked.views, stack.enter_context(BagWriter(mask_bag)))
         if figures is not None:
             temporary = stack.enter_context(new_folder(figures))
             draw_object(result, temporary / f"{file_name(result.object_id)}.png")
             draw_coverage(used, result.mesh, temporary / "coverage.png")
         write_mesh(result.mesh, output)
     terminal.table(result_table([result_row(result)]))
-    terminal.wrote(output, bag, figures)
+    terminal.wrote(output, bag, mask_bag, figures)
     return SOMETHING_LOST if losses else ALL_USED
+
+
+def _write_masks(views: Sequence[MaskedView], writer: BagWriter) -> None:
+    for masked, stamp in zip(views, count(FIRST_STAMP, STEP), strict=False):
+        writer.write_mask(read_mask(masked), masked.view.camera, stamp, WORLD)
 
 
 def _intersected(

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 from momrec_core.errors import MomrecError
 
-__all__ = ["BagError", "CdrError", "MessageError", "Reason"]
+__all__ = ["BagError", "CdrError", "MessageError", "Reason", "TransformError"]
 
 
 class Reason(StrEnum):
@@ -22,6 +22,10 @@ class Reason(StrEnum):
     POINTS = "points"
     PROJECTION = "projection"
     CONTOUR = "contour"
+    IMAGE = "image"
+    CALIBRATION = "calibration"
+    LENS = "lens"
+    TRANSFORM = "transform"
     SIZE = "size"
     PAIR = "pair"
     CONTRADICTION = "contradiction"
@@ -46,6 +50,20 @@ class MessageError(MomrecError):
     def __init__(self, reason: Reason, message: str) -> None:
         super().__init__(message)
         self.reason = reason
+
+
+class TransformError(MessageError):
+    """A transform between two frames that is not known, or is none.
+
+    Attributes
+    ----------
+    ends : tuple of str
+        The frames above which nothing is known: with one of them it may be.
+    """
+
+    def __init__(self, message: str, ends: tuple[str, ...] = ()) -> None:
+        super().__init__(Reason.TRANSFORM, message)
+        self.ends = ends
 
 
 class BagError(MomrecError):

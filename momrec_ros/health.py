@@ -65,6 +65,7 @@ def _values(activity: Activity, unreceived: int) -> tuple[tuple[str, str], ...]:
         "objects": activity.objects,
         "results": activity.published,
         "views_used": tally.used,
+        "views_cut": tally.cut,
         "views_repeated": tally.repeated,
         "views_rejected": tally.rejected.total(),
         **{f"rejected_{reason}": tally.rejected[reason] for reason in Reason},

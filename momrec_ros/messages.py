@@ -6,19 +6,17 @@ from: the node and the bags use the same code.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from momrec_core.camera import Camera
-from momrec_core.errors import MomrecError
+from momrec_core.errors import InvalidCameraError, MomrecError
 from momrec_core.view import View
-from momrec_ros.errors import CdrError, MessageError, Reason
+from momrec_ros.calibration import Calibration, calibration_of
+from momrec_ros.errors import CdrError, MessageError, Reason, TransformError
 from momrec_ros.interfaces import (
     Header,
     Marker,
@@ -27,11 +25,27 @@ from momrec_ros.interfaces import (
     PolygonStamped,
     Pose,
     PoseStamped,
+    decode_camera_info,
+    decode_image,
     decode_marker_array,
     decode_polygon_stamped,
     decode_pose_stamped,
+    decode_transforms,
+    encode_camera_info,
+    encode_image,
     encode_marker_array,
+    encode_pose_stamped,
 )
+from momrec_ros.mask_messages import (
+    MaskRules,
+    PackedMask,
+    camera_info_of,
+    image_of_mask,
+    view_of_mask,
+)
+from momrec_ros.matching import Key, Parts, Rejected, Waiting, repeated, unmatched
+from momrec_ros.poses import MAX_NAME, matrix_from_pose, pose_from_matrix
+from momrec_ros.transform_buffer import TransformBuffer
 
 __all__ = [
     "PROJECTIONS",
@@ -40,17 +54,16 @@ __all__ = [
     "Rejected",
     "StampedView",
     "ViewDecoder",
+    "encode_mask",
     "encode_view",
     "pose_from_matrix",
     "rings_in_camera",
 ]
 
 PROJECTIONS = ("auto", "orthographic", "central")
-NORM_TOLERANCE = 1e-2  # of a quaternion: what publishers that print few digits are off
 MAX_POINTS = 1_000_000  # a view: far above any contour, far below what fills the memory
 MAX_RINGS = 10_000  # a view: likewise
-MAX_NAME = 1000  # characters of an object or frame: outputs repeat both, for every contour
-MAX_PENDING = 64  # halves of pairs that wait: seconds of a fast camera
+MAX_PENDING = 1000  # stamps of which parts wait: half a minute of a camera at 30 Hz
 RING_WIDTH = 0.002  # metres, of the drawn line
 RING_COLOR = (1.0, 0.6, 0.0, 1.0)
 
@@ -69,12 +82,15 @@ class StampedView:
         Name of the world frame.
     view : View
         Camera and silhouette.
+    is_cut : bool
+        Whether the border of the image cuts the object; the silhouette goes on beyond it then.
     """
 
     object_id: str
     stamp: int
     frame_id: str
     view: View
+    is_cut: bool = False
 
 
 @dataclass(frozen=True)
@@ -84,69 +100,7 @@ class Forget:
     object_id: str
 
 
-@dataclass(frozen=True)
-class Rejected:
-    """A message that is no view.
-
-    Attributes
-    ----------
-    object_id : str
-        The object where the message names one, else empty.
-    text : str
-        What was expected and what came.
-    stamp : int
-        Nanoseconds; 0 where the message has none.
-    reason : Reason
-        The rule, for counting.
-    """
-
-    object_id: str
-    text: str
-    stamp: int
-    reason: Reason
-
-
 Event = StampedView | Forget | Rejected
-Half = TypeVar("Half", PolygonStamped, PoseStamped)
-
-
-def pose_from_matrix(matrix: NDArray[np.float64]) -> Pose:
-    """Return the message form of a rigid motion of shape (4, 4).
-
-    Of the two quaternions it has the one whose first number of w, x, y, z that is not zero is
-    positive. Scipy's takes thirty times as long for a single matrix.
-
-    References
-    ----------
-    Shepperd, S. W. (1978). Quaternion from rotation matrix. Journal of Guidance and Control 1(3).
-    """
-    (xx, xy, xz, tx), (yx, yy, yz, ty), (zx, zy, zz, tz), _ = matrix.tolist()
-    products = (  # 4 q q^T for q = (x, y, z, w): each row is q, times four times one of its numbers
-        (1 + xx - yy - zz, xy + yx, xz + zx, zy - yz),
-        (xy + yx, 1 - xx + yy - zz, yz + zy, xz - zx),
-        (xz + zx, yz + zy, 1 - xx - yy + zz, yx - xy),
-        (zy - yz, xz - zx, yx - xy, 1 + xx + yy + zz),
-    )
-    x, y, z, w = products[max(range(4), key=lambda row: products[row][row])]
-    norm = math.copysign(math.hypot(x, y, z, w), next(number for number in (w, x, y, z) if number))
-    return Pose((tx, ty, tz), (x / norm, y / norm, z / norm, w / norm))
-
-
-def _matrix_from_pose(pose: Pose) -> NDArray[np.float64]:
-    numbers = np.array([*pose.position, *pose.orientation])
-    if not np.isfinite(numbers).all():
-        raise MessageError(Reason.POSE, f"Expected a finite camera pose, got {pose}")
-    norm = float(np.linalg.norm(numbers[3:]))
-    if abs(norm - 1) > NORM_TOLERANCE:
-        raise MessageError(
-            Reason.QUATERNION,
-            f"Expected a quaternion of norm 1 within {NORM_TOLERANCE}, got {pose.orientation} "
-            f"of norm {norm:.6g}",
-        )
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_quat(numbers[3:]).as_matrix()
-    matrix[:3, 3] = numbers[:3]
-    return matrix
 
 
 def _is_central(depths: NDArray[np.float64], projection: str) -> bool:
@@ -197,51 +151,6 @@ def _agree(values: Sequence[object], field: Reason) -> None:
             )
 
 
-class _Waiting(Generic[Half]):
-    """Halves of views that wait for the other half, by source and stamp."""
-
-    def __init__(self, name: str, other: str, most: int) -> None:
-        self._name, self._other, self._most = name, other, most
-        self._halves: dict[tuple[str, int], tuple[int, Half]] = {}
-
-    def __len__(self) -> int:
-        return len(self._halves)
-
-    def take(self, key: tuple[str, int]) -> Half | None:
-        _, half = self._halves.pop(key, (0, None))
-        return half
-
-    def put(self, key: tuple[str, int], half: Half, now: int) -> tuple[Rejected, ...]:
-        """Let a half wait; return those that it drives out."""
-        repeated = self._halves.pop(key, None)
-        self._halves[key] = now, half
-        if repeated is not None:
-            return (self._unpaired(key),)
-        if len(self._halves) <= self._most:
-            return ()
-        oldest = next(iter(self._halves))
-        del self._halves[oldest]
-        return (self._unpaired(oldest),)
-
-    def expire(self, now: int, timeout: int) -> tuple[Rejected, ...]:
-        for key, (arrived, half) in self._halves.items():
-            self._halves[key] = min(arrived or now, now), half
-        late = [key for key, (arrived, _) in self._halves.items() if now - arrived > timeout]
-        for key in late:
-            del self._halves[key]
-        return tuple(map(self._unpaired, late))
-
-    def flush(self) -> tuple[Rejected, ...]:
-        keys = tuple(self._halves)
-        self._halves.clear()
-        return tuple(map(self._unpaired, keys))
-
-    def _unpaired(self, key: tuple[str, int]) -> Rejected:
-        _, stamp = key
-        text = f"Expected a {self._other} with the stamp of the {self._name} ({stamp} ns), got none"
-        return Rejected("", text, stamp, Reason.PAIR)
-
-
 class ViewDecoder:
     """Turns serialised messages into events, and remembers what the next one must agree with.
 
@@ -254,12 +163,16 @@ class ViewDecoder:
     max_points : int
         Refuse a message with more points.
     max_pending : int
-        How many polygons, and how many camera poses, wait for their other half.
+        Of how many stamps parts of views wait for their others.
+    rules : MaskRules, optional
+        How masks become silhouettes; by default half a pixel's tolerance, a quarter's margin.
+    transforms : TransformBuffer, optional
+        Tells where the masks' optical frames are, in place of camera poses.
 
     Raises
     ------
     MessageError
-        If the projection is none of the three.
+        If the projection is none of the three, or transforms come without a world frame.
     """
 
     def __init__(
@@ -269,16 +182,24 @@ class ViewDecoder:
         *,
         max_points: int = MAX_POINTS,
         max_pending: int = MAX_PENDING,
+        rules: MaskRules | None = None,
+        transforms: TransformBuffer | None = None,
     ) -> None:
         if projection not in PROJECTIONS:
             raise MessageError(
                 Reason.PROJECTION, f"Expected one of {', '.join(PROJECTIONS)}, got {projection!r}"
             )
+        if transforms is not None and not world_frame:
+            raise MessageError(
+                Reason.FRAME, "Expected a world_frame where poses come from transforms, got none"
+            )
         self._projection = projection
         self._world_frame = world_frame
         self._max_points = max_points
-        self._polygons = _Waiting[PolygonStamped]("contour", "camera_pose", max_pending)
-        self._poses = _Waiting[PoseStamped]("camera_pose", "contour", max_pending)
+        self._rules = MaskRules() if rules is None else rules
+        self._transforms = transforms
+        self._waiting = Waiting(max_pending, self._explained)
+        self._unplaced: dict[Key, list[TransformError]] = {}  # why masks are not placed yet
 
     @property
     def world_frame(self) -> str:
@@ -360,45 +281,187 @@ class ViewDecoder:
         except MomrecError as error:
             return (_rejected("", error),)
         key = source, polygon.header.stamp
-        pose = self._poses.take(key)
-        if pose is not None:
-            return (self._paired(polygon, pose),)
+        parts = self._waiting.open(key, now)
+        again = parts.polygon is not None
         # A copy, because the points are a view of the whole message.
-        own = PolygonStamped(polygon.header, polygon.points.copy())
-        return self._polygons.put(key, own, now)
+        parts.polygon = PolygonStamped(polygon.header, polygon.points.copy())
+        return self._matched(key, repeated("contour", key[1]) if again else None)
 
     def camera_pose(self, data: bytes, source: str = "", now: int = 0) -> tuple[Event, ...]:
-        """Read one geometry_msgs/PoseStamped and pair it with its polygon; see `polygon`."""
+        """Read one geometry_msgs/PoseStamped and match it with what it is the pose of.
+
+        See `polygon` and `mask`.
+        """
         try:
             pose = decode_pose_stamped(data)
         except CdrError as error:
             return (_rejected("", error),)
         key = source, pose.header.stamp
-        polygon = self._polygons.take(key)
-        if polygon is not None:
-            return (self._paired(polygon, pose),)
-        return self._poses.put(key, pose, now)
+        parts = self._waiting.open(key, now)
+        again = parts.pose is not None
+        parts.pose = pose
+        return self._matched(key, repeated("camera_pose", key[1]) if again else None)
+
+    def mask(self, data: bytes, source: str = "", now: int = 0) -> tuple[Event, ...]:
+        """Read one sensor_msgs/Image and match it with its camera_info and its camera's pose.
+
+        Its calibration has its stamp and optical frame; the pose is that of a camera_pose with
+        its stamp or, where there are transforms, that of its optical frame at its stamp.
+
+        Parameters
+        ----------
+        data, source, now
+            As for `polygon`.
+
+        Returns
+        -------
+        events : tuple of StampedView or Rejected
+            Empty while something is missing.
+        """
+        try:
+            image = decode_image(data)
+            _check_name(Reason.FRAME, image.header.frame_id)
+        except MomrecError as error:
+            return (_rejected("", error),)
+        key = source, image.header.stamp
+        masks = self._waiting.open(key, now).masks
+        again = masks.get(image.header.frame_id) is not None
+        lost = repeated("mask", key[1]) if again else None
+        try:
+            masks[image.header.frame_id] = PackedMask.of_image(image)
+        except MomrecError as error:
+            masks[image.header.frame_id] = None
+            lost = _rejected("", error, key[1])
+        return self._matched(key, lost)
+
+    def camera_info(self, data: bytes, source: str = "", now: int = 0) -> tuple[Event, ...]:
+        """Read one sensor_msgs/CameraInfo and match it with its mask; see `mask`."""
+        try:
+            info = decode_camera_info(data)
+            _check_name(Reason.FRAME, info.header.frame_id)
+        except MomrecError as error:
+            return (_rejected("", error),)
+        key = source, info.header.stamp
+        calibrations = self._waiting.open(key, now).calibrations
+        try:
+            calibrations[info.header.frame_id] = calibration_of(
+                info, rectified=self._rules.rectified
+            )
+        except MessageError as error:  # told when its mask comes
+            calibrations[info.header.frame_id] = error
+        return self._matched(key)
+
+    def transforms(self, data: bytes, *, is_static: bool) -> tuple[Event, ...]:
+        """Read one tf2_msgs/TFMessage, and place the masks that waited for it.
+
+        Parameters
+        ----------
+        data : bytes
+            The serialised message.
+        is_static : bool
+            Whether it came by /tf_static.
+
+        Returns
+        -------
+        events : tuple of StampedView or Rejected
+            Mostly empty.
+        """
+        if self._transforms is None:
+            return ()
+        try:
+            self._transforms.add(decode_transforms(data), is_static=is_static)
+        except CdrError as error:
+            return (_rejected("", error),)
+        known = self._transforms.knows
+        ready = [
+            key
+            for key, errors in self._unplaced.items()
+            if any(known(frame, key[1]) for error in errors for frame in error.ends)
+        ]
+        return tuple(event for key in ready for event in self._matched(key))
+
+    @property
+    def uses_transforms(self) -> bool:
+        """Whether poses of masks' cameras come from transforms."""
+        return self._transforms is not None
 
     @property
     def waiting(self) -> int:
-        """How many halves wait for their other half."""
-        return len(self._polygons) + len(self._poses)
+        """Of how many stamps parts wait for their others."""
+        return len(self._waiting)
 
     def expire(self, now: int, timeout: int) -> tuple[Rejected, ...]:
-        """Reject the halves that arrived longer ago than a timeout, and forget them.
+        """Reject the parts of views that arrived longer ago than a timeout, and forget them.
 
         Parameters
         ----------
         now, timeout : int
-            Nanoseconds. Should the clock have been set back, or not have been set (0), halves
+            Nanoseconds. Should the clock have been set back, or not have been set (0), parts
             count as arrived now.
         """
-        return self._polygons.expire(now, timeout) + self._poses.expire(now, timeout)
+        return self._waiting.expire(now, timeout)
 
     def flush(self) -> tuple[Rejected, ...]:
-        """Reject what still waits for its other half, and forget it."""
-        rejected = self._polygons.flush() + self._poses.flush()
-        return tuple(sorted(rejected, key=lambda event: event.stamp))
+        """Reject what still waits for its others, and forget it."""
+        return tuple(sorted(self._waiting.flush(), key=lambda event: event.stamp))
+
+    def _matched(self, key: Key, lost: Rejected | None = None) -> tuple[Event, ...]:
+        """Return what a part that came makes, after what it made useless."""
+        parts = self._waiting.get(key)
+        events: list[Event] = [] if lost is None else [lost]
+        if parts is None:
+            return tuple(events)
+        self._unplaced.pop(key, None)
+        if parts.polygon is not None and parts.pose is not None:
+            events.append(self._paired(parts.polygon, parts.pose))
+            parts.polygon = parts.pose = None
+        for frame in [frame for frame in parts.masks if frame in parts.calibrations]:
+            events += self._placed(key, parts, frame)
+        return (*events, *self._waiting.settle(key))
+
+    def _placed(self, key: Key, parts: Parts, frame: str) -> Iterator[Event]:
+        """Use a mask with its calibration, once its camera's pose is known."""
+        try:
+            pose = self._pose_of(parts, frame, key[1])
+        except TransformError as error:
+            self._unplaced.setdefault(key, []).append(error)
+            return
+        if pose is not None:
+            mask, calibration = parts.masks.pop(frame), parts.calibrations.pop(frame)
+            if mask is not None:
+                yield self._seen(mask, calibration, pose)
+
+    def _pose_of(self, parts: Parts, frame: str, stamp: int) -> PoseStamped | None:
+        if self._transforms is None:
+            pose, parts.pose = parts.pose, None
+            return pose
+        world_from_camera = self._transforms.lookup(self._world_frame, frame, stamp)
+        return PoseStamped(Header(stamp, self._world_frame), pose_from_matrix(world_from_camera))
+
+    def _seen(
+        self, mask: PackedMask, calibration: Calibration | MessageError, pose: PoseStamped
+    ) -> Event:
+        header = pose.header
+        try:
+            if isinstance(calibration, MessageError):
+                raise calibration
+            if self._projection == "orthographic":
+                raise MessageError(
+                    Reason.PROJECTION, "Expected orthographic projection, got a mask of a pinhole"
+                )
+            self._check_names("", header)
+            matrix = matrix_from_pose(pose.pose)
+            view, is_cut = view_of_mask(mask, calibration, matrix, self._rules)
+        except MomrecError as error:
+            return _rejected("", error, header.stamp)
+        self._world_frame = header.frame_id
+        return StampedView("", header.stamp, header.frame_id, view, is_cut)
+
+    def _explained(self, key: Key, parts: Parts) -> Iterator[Rejected]:
+        """Tell of parts that are given up what was missing."""
+        yield from unmatched(parts, key[1], needs_pose=self._transforms is None)
+        for error in self._unplaced.pop(key, []):
+            yield _rejected("", error, key[1])
 
     def _paired(self, polygon: PolygonStamped, pose: PoseStamped) -> Event:
         try:
@@ -421,11 +484,14 @@ class ViewDecoder:
             raise MessageError(
                 Reason.POINTS, f"Expected points, got {len(rings)} rings without any"
             )
-        for reason, name in ((Reason.NS, object_id), (Reason.FRAME, header.frame_id)):
-            if len(name) > MAX_NAME:
-                raise MessageError(
-                    reason, f"Expected a name of at most {MAX_NAME} characters, got {len(name)}"
-                )
+        self._check_names(object_id, header)
+        view = _make_view(matrix_from_pose(pose), rings, self._projection)
+        self._world_frame = header.frame_id
+        return StampedView(object_id, header.stamp, header.frame_id, view)
+
+    def _check_names(self, object_id: str, header: Header) -> None:
+        _check_name(Reason.NS, object_id)
+        _check_name(Reason.FRAME, header.frame_id)
         if not header.frame_id:
             raise MessageError(Reason.FRAME, "Expected the name of the world frame, got none")
         if header.frame_id != (self._world_frame or header.frame_id):
@@ -433,17 +499,60 @@ class ViewDecoder:
                 Reason.FRAME,
                 f"Expected the world frame {self._world_frame!r}, got {header.frame_id!r}",
             )
-        view = _make_view(_matrix_from_pose(pose), rings, self._projection)
-        self._world_frame = header.frame_id
-        return StampedView(object_id, header.stamp, header.frame_id, view)
+
+
+def _check_name(reason: Reason, name: str) -> None:
+    if len(name) > MAX_NAME:
+        raise MessageError(
+            reason, f"Expected a name of at most {MAX_NAME} characters, got {len(name)}"
+        )
 
 
 def _rejected(object_id: str, error: MomrecError, stamp: int = 0) -> Rejected:
     if isinstance(error, MessageError):
-        reason = error.reason
-    else:
-        reason = Reason.ENCODING if isinstance(error, CdrError) else Reason.CONTOUR
-    return Rejected(object_id, str(error), stamp, reason)
+        return Rejected(object_id, str(error), stamp, error.reason)
+    kinds = {CdrError: Reason.ENCODING, InvalidCameraError: Reason.CALIBRATION}
+    return Rejected(object_id, str(error), stamp, kinds.get(type(error), Reason.CONTOUR))
+
+
+def encode_mask(
+    inside: NDArray[np.bool_], camera: Camera, stamp: int, frame_id: str, camera_frame: str
+) -> tuple[bytes, bytes, bytes]:
+    """Write what a camera saw as sensor_msgs/Image, CameraInfo and geometry_msgs/PoseStamped.
+
+    Parameters
+    ----------
+    inside : array of bool, shape (height, width)
+        Which pixels are object.
+    camera : Camera
+        A pinhole without distortion.
+    stamp : int
+        Time of exposure, nanoseconds.
+    frame_id, camera_frame : str
+        Names of the world frame and of the optical frame.
+
+    Returns
+    -------
+    mask, camera_info, camera_pose : bytes
+        Serialised.
+
+    Raises
+    ------
+    CdrError
+        If the stamp or a name fits no message.
+    InvalidCameraError
+        If the projection is parallel, which no camera_info tells of.
+    """
+    if camera.K is None:
+        raise InvalidCameraError("Expected a pinhole camera for a mask, got parallel projection")
+    header = Header(stamp, camera_frame)
+    height, width = inside.shape
+    pose = PoseStamped(Header(stamp, frame_id), pose_from_matrix(camera.pose))
+    return (
+        encode_image(image_of_mask(inside, header)),
+        encode_camera_info(camera_info_of(camera.K, (width, height), header)),
+        encode_pose_stamped(pose),
+    )
 
 
 def rings_in_camera(view: View) -> list[NDArray[np.float64]]:

@@ -35,6 +35,7 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
@@ -44,12 +45,14 @@ from momrec_ros import parameters
 from momrec_ros.detections import DETECTIONS_TYPE
 from momrec_ros.health import health_status
 from momrec_ros.interfaces import DiagnosticArray, Header, encode_diagnostic_array
+from momrec_ros.mask_messages import MaskRules
 from momrec_ros.messages import ViewDecoder
 from momrec_ros.node_parameters import declare_parameters
 from momrec_ros.outputs import RESULT_TYPES, Output
-from momrec_ros.parameters import NODE_PARAMETERS, Reliability
+from momrec_ros.parameters import NODE_PARAMETERS, PoseSource, Reliability
 from momrec_ros.pipeline import JOINT_OUTPUTS, Activity, Input, Pace, Pipeline
 from momrec_ros.session import Session, Tally
+from momrec_ros.transform_buffer import TransformBuffer
 from momrec_ros.transforms import TRANSFORMS_TYPE
 
 __all__ = ["RecognizerNode", "run"]
@@ -59,6 +62,12 @@ INPUT_TYPES = {
     Input.CONTOURS: MarkerArray,
     Input.CONTOUR: PolygonStamped,
     Input.CAMERA_POSE: PoseStamped,
+    Input.MASK: Image,
+    Input.CAMERA_INFO: CameraInfo,
+}
+TF_INPUTS = {  # only where poses come from there: what others publish, and how
+    Input.TF: QoSProfile(depth=100),
+    Input.TF_STATIC: QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),
 }
 OPTIONAL_TYPES = {
     "tf": (TRANSFORMS_TYPE, "tf2_ros"),
@@ -73,7 +82,7 @@ FAILED = 1
 
 
 class RecognizerNode(LifecycleNode):
-    """Contours with camera poses in; meshes, principal frames and class labels out.
+    """Contours or masks with camera poses in; meshes, principal frames and class labels out.
 
     Configuring checks the parameters and loads the model, activating subscribes, deactivating
     keeps what was gathered, cleaning up frees it. The README lists topics, services and parameters;
@@ -149,8 +158,13 @@ class RecognizerNode(LifecycleNode):
         self._running.activate()
         self._create_inputs()
         self._state = "active"
-        contours, contour, pose = (self._inputs[source].topic_name for source in Input)
-        self.get_logger().info(f"active: listens to {contours}, and to {contour} with {pose}")
+        topics = {source: subscription.topic_name for source, subscription in self._inputs.items()}
+        mask_pose = ", ".join(topics[source] for source in self._pose_inputs)
+        self.get_logger().info(
+            f"active: listens to {topics[Input.CONTOURS]}, to {topics[Input.CONTOUR]} with "
+            f"{topics[Input.CAMERA_POSE]}, and to {topics[Input.MASK]} with "
+            f"{topics[Input.CAMERA_INFO]} and {mask_pose}"
+        )
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -204,7 +218,13 @@ class RecognizerNode(LifecycleNode):
             max_bad_views=self._value(parameters.MAX_BAD_VIEWS),
         )
         make_decoder = partial(
-            ViewDecoder, self._value(parameters.PROJECTION), self._value(parameters.WORLD_FRAME)
+            ViewDecoder,
+            self._value(parameters.PROJECTION),
+            self._value(parameters.WORLD_FRAME),
+            rules=MaskRules(
+                **{field.name: self.get_parameter(field.name).value for field in fields(MaskRules)}
+            ),
+            transforms=self._make_transforms(),
         )
         return Pipeline(
             make_session,
@@ -216,6 +236,27 @@ class RecognizerNode(LifecycleNode):
             clock=lambda: self.get_clock().now().nanoseconds,
             frame_prefix=self.get_fully_qualified_name().lstrip("/"),
         )
+
+    def _make_transforms(self) -> TransformBuffer | None:
+        """Return what remembers transforms, also over a reset: those of /tf_static come once."""
+        if not self._uses_tf:
+            return None
+        try:
+            _message_type(TRANSFORMS_TYPE)
+        except ImportError as error:
+            raise MomrecError(
+                f"Expected tf2_msgs for {parameters.POSE_SOURCE.name} {PoseSource.TF}, got a "
+                "system without it"
+            ) from error
+        return TransformBuffer()
+
+    @property
+    def _uses_tf(self) -> bool:
+        return bool(self._value(parameters.POSE_SOURCE) == PoseSource.TF)
+
+    @property
+    def _pose_inputs(self) -> Sequence[Input]:
+        return tuple(TF_INPUTS) if self._uses_tf else (Input.CAMERA_POSE,)
 
     def _load_model(self) -> RecognitionModel | None:
         path = self._value(parameters.MODEL)
@@ -250,26 +291,35 @@ class RecognizerNode(LifecycleNode):
             )
 
     def _create_inputs(self) -> None:
+        for source, kind in INPUT_TYPES.items():
+            self._create_input(source, kind, self._input_profile(source))
+        if self._uses_tf:
+            for source, qos in TF_INPUTS.items():
+                self._create_input(source, _message_type(TRANSFORMS_TYPE), qos)
+
+    def _input_profile(self, source: Input) -> QoSProfile:
         is_reliable = self._value(parameters.INPUT_RELIABILITY) == Reliability.RELIABLE
-        qos = QoSProfile(
-            depth=self._value(parameters.QUEUE_DEPTH),
+        depth = parameters.MASK_QUEUE_DEPTH if source is Input.MASK else parameters.QUEUE_DEPTH
+        return QoSProfile(
+            depth=self._value(depth),
             reliability=(
                 ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT
             ),
         )
+
+    def _create_input(self, source: Input, kind: Any, qos: QoSProfile) -> None:
         # Publishers that do not match are told by `_tell_mismatches`, in full.
         events = SubscriptionEventCallbacks(
             message_lost=self._count_unreceived, use_default_callbacks=False
         )
-        for source, kind in INPUT_TYPES.items():
-            self._inputs[source] = self.create_subscription(
-                kind,
-                source.value,
-                partial(self._running.receive, source),
-                qos,
-                raw=True,
-                event_callbacks=events,
-            )
+        self._inputs[source] = self.create_subscription(
+            kind,
+            source.value,
+            partial(self._running.receive, source),
+            qos,
+            raw=True,
+            event_callbacks=events,
+        )
 
     def _destroy_inputs(self) -> None:
         for subscription in self._inputs.values():
@@ -366,9 +416,9 @@ class RecognizerNode(LifecycleNode):
 
     def _tell_mismatches(self) -> None:
         """Tell, once each, of publishers from which no message can come."""
-        for source, subscription in self._inputs.items():
+        for subscription in self._inputs.values():
             for other in self.get_publishers_info_by_topic(subscription.topic_name):
-                mismatch = _mismatch(other, subscription.qos_profile, INPUT_TYPES[source])
+                mismatch = _mismatch(other, subscription.qos_profile, subscription.msg_type)
                 gid = tuple(other.endpoint_gid)
                 if mismatch and gid not in self._told_publishers:
                     self._told_publishers.add(gid)

@@ -12,6 +12,7 @@ __all__ = [
     "INPUT_RELIABILITY",
     "INSTANCES",
     "MARGIN",
+    "MASK_QUEUE_DEPTH",
     "MAX_BAD_VIEWS",
     "MAX_FEATURES",
     "MAX_OBJECTS",
@@ -23,10 +24,12 @@ __all__ = [
     "OBJECT_TIMEOUT",
     "ORDER",
     "PAIR_TIMEOUT",
+    "POSE_SOURCE",
     "PROJECTION",
     "PUBLISH_RATE",
     "PUBLISH_TF",
     "QUEUE_DEPTH",
+    "RECTIFIED",
     "SEED",
     "SIMULATED_PROJECTION",
     "SLICES",
@@ -36,6 +39,7 @@ __all__ = [
     "WORKERS",
     "WORLD_FRAME",
     "Parameter",
+    "PoseSource",
     "Projection",
     "Reliability",
     "SimulatedProjection",
@@ -58,6 +62,13 @@ class SimulatedProjection(StrEnum):
 
     ORTHOGRAPHIC = "orthographic"
     CENTRAL = "central"
+
+
+class PoseSource(StrEnum):
+    """What tells where the cameras of masks are."""
+
+    TOPIC = "topic"
+    TF = "tf"
 
 
 class Reliability(StrEnum):
@@ -193,7 +204,7 @@ PUBLISH_RATE = Parameter(
 PAIR_TIMEOUT = Parameter(
     "pair_timeout",
     1.0,
-    "Seconds that a contour waits for its camera_pose, and the other way round.",
+    "Seconds that parts of a view, such as a contour and its camera_pose, wait for each other.",
     0.001,
     3600.0,
     live=True,
@@ -217,11 +228,29 @@ QUEUE_DEPTH = Parameter(
     1,
     100_000,
 )
+MASK_QUEUE_DEPTH = Parameter(
+    "mask_queue_depth",
+    50,
+    "Masks that wait for the node, at most; of 640 x 480 pixels these are 15 MB.",
+    1,
+    10_000,
+)
 AUTOSTART = Parameter(
     "autostart",
     True,
     "Whether the node configures and activates itself at its start.",
     read_only=True,
+)
+POSE_SOURCE = Parameter(
+    "pose_source",
+    PoseSource.TOPIC.value,
+    "Whether cameras of masks are where camera_pose says, or /tf (world_frame is needed then).",
+    choices=tuple(PoseSource),
+)
+RECTIFIED = Parameter(
+    "rectified",
+    False,
+    "Whether masks are of rectified images: camera_info's P holds then, without distortion.",
 )
 SIMULATED_PROJECTION = Parameter(
     "projection",
@@ -273,5 +302,10 @@ NODE_PARAMETERS: tuple[Parameter[Any], ...] = (
     PUBLISH_TF,
     INPUT_RELIABILITY,
     QUEUE_DEPTH,
+    MASK_QUEUE_DEPTH,
+    POSE_SOURCE,
+    RECTIFIED,
+    TOLERANCE,
+    MARGIN,
     AUTOSTART,
 )

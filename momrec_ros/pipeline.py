@@ -50,6 +50,10 @@ class Input(StrEnum):
     CONTOURS = "contours"
     CONTOUR = "contour"
     CAMERA_POSE = "camera_pose"
+    MASK = "mask"
+    CAMERA_INFO = "camera_info"
+    TF = "/tf"
+    TF_STATIC = "/tf_static"
 
 
 class Log(Protocol):
@@ -76,7 +80,7 @@ class Pace:
     object_timeout : float
         Seconds without a view after which an object is ended; 0 for never.
     pair_timeout : float
-        Seconds that half a view waits for its other half.
+        Seconds that parts of a view wait for their others.
     """
 
     publish_rate: float
@@ -95,7 +99,7 @@ class Activity:
     waiting : int
         Messages not yet read.
     halves : int
-        Halves of views that wait for their other half.
+        Stamps of which parts of views wait for their others.
     objects : int
         Live objects.
     tally : Tally
@@ -375,11 +379,18 @@ class Pipeline:
             self._tell_all(self._session.feed(event, now))
 
     def _decoded(self, message: _Message, now: int) -> tuple[Event, ...]:
+        decoder, data = self._decoder, message.data
         if message.source is Input.CONTOURS:
-            return self._decoder.marker_array(message.data)
-        if message.source is Input.CONTOUR:
-            return self._decoder.polygon(message.data, now=now)
-        return self._decoder.camera_pose(message.data, now=now)
+            return decoder.marker_array(data)
+        if message.source in (Input.TF, Input.TF_STATIC):
+            return decoder.transforms(data, is_static=message.source is Input.TF_STATIC)
+        decode = {
+            Input.CONTOUR: decoder.polygon,
+            Input.CAMERA_POSE: decoder.camera_pose,
+            Input.MASK: decoder.mask,
+            Input.CAMERA_INFO: decoder.camera_info,
+        }[message.source]
+        return decode(data, now=now)
 
     def _expire(self) -> None:
         now = self._clock()

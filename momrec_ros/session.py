@@ -49,11 +49,14 @@ class Result:
         Of the last view used, nanoseconds.
     frame_id : str
         The world frame.
+    cut_views : int
+        Views used in which the border of the image cuts the object.
     """
 
     result: ObjectResult
     stamp: int
     frame_id: str
+    cut_views: int = 0
 
 
 class Cause(StrEnum):
@@ -100,6 +103,8 @@ class Tally:
     ----------
     used : int
         Views that refined an object.
+    cut : int
+        Of these, views in which the border of the image cuts the object.
     repeated : int
         Views that had come before, with equal stamp and pose.
     rejected : Counter of Reason
@@ -109,6 +114,7 @@ class Tally:
     """
 
     used: int = 0
+    cut: int = 0
     repeated: int = 0
     rejected: Counter[Reason] = field(default_factory=Counter)
     ended: Counter[Cause] = field(default_factory=Counter)
@@ -124,6 +130,7 @@ class _Tracked:
     views: dict[tuple[int, bytes], None] = field(default_factory=dict)
     stamps: dict[View, int] = field(default_factory=dict)
     told: set[View] = field(default_factory=set)  # that they are left out
+    cut: set[View] = field(default_factory=set)  # by the border of the image
 
 
 class Session:
@@ -261,7 +268,8 @@ class Session:
         tracked = self._tracked[object_id]
         result = self._recognizer.result(object_id)
         self._tell_left_out(object_id, tracked, result)
-        return Result(result, tracked.stamp, tracked.frame_id)
+        cut = tracked.cut.intersection(result.hull.views)
+        return Result(result, tracked.stamp, tracked.frame_id, len(cut))
 
     def told(self) -> list[Outcome]:
         """Return what came up since the last call, such as views that `take` left out."""
@@ -275,6 +283,8 @@ class Session:
         object_id = event.object_id
         tracked = self._tracked[object_id]
         tracked.stamps[event.view] = event.stamp
+        if event.is_cut:
+            tracked.cut.add(event.view)
         try:
             self._recognizer.add_view(object_id, event.view)
         except EmptyHullError as error:
@@ -285,6 +295,7 @@ class Session:
             self._lose(object_id, event.stamp, str(error), Reason.EXCESS)
         else:
             self._tally.used += 1
+            self._tally.cut += event.is_cut
             self._changed[object_id] = None
             tracked.stamp, tracked.frame_id = event.stamp, event.frame_id
 
@@ -315,6 +326,7 @@ class Session:
             self._tally.rejected[Reason.CONTRADICTION] -= len(again)
         tracked.told = left_out
         live = left_out.union(result.hull.views)
+        tracked.cut &= live
         tracked.stamps = {view: at for view, at in tracked.stamps.items() if view in live}
 
     def _end(self, object_id: str, cause: Cause) -> None:
