@@ -174,6 +174,9 @@ def _beyond_border(
 ) -> MultiPolygon:
     """Return where the object may go on outside of the image, for each run along a border."""
     low, high = np.full(2, -0.5), np.array(size) - 0.5
+    left, top, right, bottom = region.bounds
+    if min(left, top) > 0 and (np.array([right, bottom]) < high - 0.5).all():
+        return MultiPolygon()
     parts: list[Polygon] = []
     for outward in np.array(OUTWARDS):
         along = 1 - np.abs(outward)
@@ -263,9 +266,9 @@ def _check_length(inside: NDArray[np.bool_]) -> None:
 
 def _pixel_outline(inside: NDArray[np.bool_], left: int, top: int) -> MultiPolygon:
     """Return the region halfway to the background; left, top: where the padded image starts."""
-    generator = contour_generator(
-        z=np.pad(inside, 1).astype(np.float64), name="serial", fill_type=FillType.OuterOffset
-    )
+    padded = np.zeros(np.add(inside.shape, 2))
+    padded[1:-1, 1:-1] = inside
+    generator = contour_generator(z=padded, name="serial", fill_type=FillType.OuterOffset)
     points, offsets = cast("_Filled", generator.filled(0.5, np.inf))
     pieces = []
     for vertices, starts in zip(points, offsets, strict=True):
