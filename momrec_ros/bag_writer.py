@@ -245,7 +245,9 @@ class BagWriter:
         for (topic, type_name), data in zip(MASK_TOPICS.items(), parts, strict=True):
             self._write(topic, type_name, stamp, data)
 
-    def write_result(self, result: ObjectResult, stamp: int, frame_id: str) -> None:
+    def write_result(
+        self, result: ObjectResult, stamp: int, frame_id: str, *, cut_views: int = 0
+    ) -> None:
         """Write what the node publishes for a result, below ``/recognizer``.
 
         Parameters
@@ -256,6 +258,8 @@ class BagWriter:
             Of the last view used, nanoseconds.
         frame_id : str
             Name of the world frame.
+        cut_views : int
+            Views used in which the border of the image cuts the object.
 
         Raises
         ------
@@ -263,7 +267,8 @@ class BagWriter:
             If the stamp or a name fits no message.
         """
         markers = markers_message([object_markers(Result(result, stamp, frame_id))])
-        for output in (*result_messages(result, stamp, frame_id), markers):
+        outputs = result_messages(result, stamp, frame_id, cut_views=cut_views)
+        for output in (*outputs, markers):
             self._write(f"/{NODE_NAME}/{output.name}", output.type_name, stamp, output.data)
 
     def _write(self, name: str, type_name: str, stamp: int, data: bytes) -> None:

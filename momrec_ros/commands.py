@@ -145,7 +145,9 @@ class _Sinks:
         self.rows.append(result_row(result))
         self._terminal.json(json_line(result))
         if self._writer is not None:
-            self._writer.write_result(result, finished.stamp, finished.frame_id)
+            self._writer.write_result(
+                result, finished.stamp, finished.frame_id, cut_views=finished.cut_views
+            )
         if self._figures is not None:
             name = self._new_name(result.object_id)
             self._drawer.draw(result, self._figures / f"{name}.png")

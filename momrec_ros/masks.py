@@ -186,6 +186,8 @@ def _beyond_border(
         runs = shapely.get_parts(shapely.intersection(region, line))
         for run in runs[shapely.length(runs) > 0]:
             start, end = np.reshape(run.bounds, (2, 2))
+            # Half a pixel longer: runs along two borders meet in the corner between them.
+            start, end = start - 0.5 * along, end + 0.5 * along
             seam = np.array([start, end, end, start])
             seam += outward * np.array([[0.25], [0.25], [-0.25 - tolerance], [-0.25 - tolerance]])
             parts += _going_on(seam, outward, OPEN_DEPTH * max(size), straighten)

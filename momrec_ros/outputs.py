@@ -93,7 +93,9 @@ class Output:
     data: bytes
 
 
-def result_messages(result: ObjectResult, stamp: int, frame_id: str) -> list[Output]:
+def result_messages(
+    result: ObjectResult, stamp: int, frame_id: str, *, cut_views: int = 0
+) -> list[Output]:
     """Write everything that is known of an object as messages, but for `markers_message`.
 
     Parameters
@@ -104,6 +106,8 @@ def result_messages(result: ObjectResult, stamp: int, frame_id: str) -> list[Out
         Of the last view used, nanoseconds.
     frame_id : str
         Name of the world frame.
+    cut_views : int
+        Views used in which the border of the image cuts the object.
 
     Returns
     -------
@@ -119,7 +123,9 @@ def result_messages(result: ObjectResult, stamp: int, frame_id: str) -> list[Out
     pose = pose_from_matrix(result.canonical.principal_frame)
     canonical = result.canonical.mesh
     encoded = {
-        "recognition": encode_diagnostic_array(result_diagnostics(result, header)),
+        "recognition": encode_diagnostic_array(
+            result_diagnostics(result, header, cut_views=cut_views)
+        ),
         "principal_frame": encode_pose_stamped(PoseStamped(header, pose)),
         "mesh": encode_marker(_mesh_marker(result, header, pose)),
         "normalized_mesh": encode_mesh(canonical.faces, canonical.vertices),
@@ -244,7 +250,9 @@ def _vector(values: Sequence[float]) -> str:
     return "[" + ", ".join(_number(value) for value in values) + "]"
 
 
-def result_diagnostics(result: ObjectResult, header: Header) -> DiagnosticArray:
+def result_diagnostics(
+    result: ObjectResult, header: Header, *, cut_views: int = 0
+) -> DiagnosticArray:
     """Return the verdict on an object, then the hypotheses, best first.
 
     Parameters
@@ -253,6 +261,8 @@ def result_diagnostics(result: ObjectResult, header: Header) -> DiagnosticArray:
         Of one object.
     header : Header
         Stamp and world frame.
+    cut_views : int
+        Views used in which the border of the image cuts the object.
 
     Returns
     -------
@@ -270,10 +280,10 @@ def result_diagnostics(result: ObjectResult, header: Header) -> DiagnosticArray:
         )
         for place, (label, distance, score) in enumerate(ranking, start=1)
     ]
-    return DiagnosticArray(header, (_verdict(result), *hypotheses))
+    return DiagnosticArray(header, (_verdict(result, cut_views), *hypotheses))
 
 
-def _verdict(result: ObjectResult) -> DiagnosticStatus:
+def _verdict(result: ObjectResult, cut_views: int) -> DiagnosticStatus:
     label = _label(result)
     unique = result.canonical.is_unique
     pose = pose_from_matrix(result.canonical.principal_frame)
@@ -293,6 +303,7 @@ def _verdict(result: ObjectResult) -> DiagnosticStatus:
         ("contradicting_views", str(len(result.left_out))),
         ("coverage_mean", _number(float(result.coverage.mean()))),
         ("coverage_worst", _number(float(result.coverage.min()))),
+        ("cut_views", str(cut_views)),
         ("slices", str(result.slices)),
         ("area", _number(result.area)),
         ("volume", _number(result.volume)),

@@ -435,7 +435,9 @@ class Pipeline:
     def _publish_result(self, result: Result) -> None:
         live = self._live[result.result.object_id]
         live.outputs = [
-            *result_messages(result.result, result.stamp, result.frame_id),
+            *result_messages(
+                result.result, result.stamp, result.frame_id, cut_views=result.cut_views
+            ),
             transform_message(result, self._frame_prefix),
         ]
         live.result, live.markers = result, None

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from shapely import MultiPolygon, Point, Polygon
 
 from momrec_core import InvalidContourError
-from momrec_ros.masks import contours_of_mask, hull_silhouette
+from momrec_ros.masks import contours_of_mask, hull_silhouette, object_pixels
 
 SIDE = 120
 
@@ -140,6 +140,49 @@ def test_values_above_half_the_range_are_object(dtype):
         shapely.get_coordinates(contours_of_mask(grey).region),
         shapely.get_coordinates(contours_of_mask(inside).region),
     )
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_where_no_value_is_above_one_those_of_one_are_object(dtype):
+    inside = rasterised(Point(60, 60).buffer(30))
+    np.testing.assert_array_equal(object_pixels(inside.astype(dtype)), inside)
+    labels = inside.astype(dtype)
+    labels[0, 0] = 2
+    with pytest.raises(InvalidContourError, match=r"an empty one \(largest value 2\)"):
+        contours_of_mask(labels)
+
+
+@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
+def test_a_tolerance_or_a_smallest_area_that_is_none_is_refused(value):
+    mask = rasterised(Point(60, 60).buffer(30))
+    with pytest.raises(ValueError, match="tolerance of 0 pixels or more, got"):
+        contours_of_mask(mask, tolerance=value)
+    with pytest.raises(ValueError, match="smallest area of 0 pixels or more, got"):
+        contours_of_mask(mask, min_area=value)
+
+
+def test_an_object_in_a_corner_goes_on_around_it_whatever_the_tolerance():
+    disc = Point(3, 5).buffer(40)
+    for tolerance in (0.0, 0.5, 5.0):
+        contours = contours_of_mask(rasterised(disc), tolerance=tolerance)
+        silhouette = hull_silhouette(contours, margin=1.0)
+        assert disc.buffer(-0.5 - tolerance).difference(silhouette).area < 1e-6
+
+
+def test_the_tolerance_holds_in_straightened_pixels():
+    mask = rasterised(Point(60, 60).buffer(40).difference(Point(50, 70).buffer(9)))
+
+    def straighten(pixels):
+        return pixels * (1 + 2e-5 * np.sum((pixels - 60) ** 2, axis=1, keepdims=True))
+
+    exact = contours_of_mask(mask, tolerance=0.0, straighten=straighten).region
+    np.testing.assert_allclose(
+        shapely.get_coordinates(exact),
+        straighten(shapely.get_coordinates(contours_of_mask(mask, tolerance=0.0).region)),
+    )
+    region = contours_of_mask(mask, tolerance=0.5, straighten=straighten).region
+    assert len(shapely.get_coordinates(region)) < 0.3 * len(shapely.get_coordinates(exact))
+    assert shapely.hausdorff_distance(region.boundary, exact.boundary, densify=0.1) < 0.52
 
 
 @pytest.mark.parametrize(
