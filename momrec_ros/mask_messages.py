@@ -5,19 +5,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from momrec_core.camera import Camera
 from momrec_core.view import View
 from momrec_ros.calibration import Calibration
 from momrec_ros.errors import MessageError, Reason
 from momrec_ros.interfaces import CameraInfo, Header, Image
-from momrec_ros.masks import MAX_PIXELS, contours_of_mask, hull_silhouette, object_pixels
+from momrec_ros.masks import (
+    MAX_PIXELS,
+    MaskContours,
+    contours_of_mask,
+    hull_silhouette,
+    object_pixels,
+)
 
 __all__ = ["MaskRules", "PackedMask", "camera_info_of", "image_of_mask", "view_of_mask"]
 
 ENCODINGS = ("mono8", "8UC1")
 OBJECT = 255  # in masks that are written
+FRAME_STEP = 16.0  # pixels between points of the image's border where a lens bends it
 
 
 @dataclass(frozen=True)
@@ -139,8 +148,19 @@ def view_of_mask(
     contours = contours_of_mask(
         mask.pixels, tolerance=rules.tolerance, straighten=calibration.straighten
     )
-    view = View(camera, hull_silhouette(contours, margin=rules.margin))
-    return view, contours.touches_border
+    silhouette = hull_silhouette(contours, margin=rules.margin)
+    return View(camera, silhouette, _frame(contours, calibration)), contours.touches_border
+
+
+def _frame(contours: MaskContours, calibration: Calibration) -> Polygon | None:
+    """Return what the image covers, without distortion; None where its lens cannot be undone."""
+    if calibration.straighten is None:
+        return contours.frame
+    try:
+        fine = shapely.segmentize(contours.frame, FRAME_STEP)
+        return shapely.transform(fine, calibration.straighten)
+    except MessageError:
+        return None
 
 
 def image_of_mask(inside: NDArray[np.bool_], header: Header) -> Image:
