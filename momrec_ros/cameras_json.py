@@ -58,8 +58,6 @@ class MaskedView:
     ----------
     name : str
         The mask's path as cameras.json gives it.
-    path : Path
-        The mask's file.
     view : View
         Camera in the world of P, silhouette in pixels (world units for parallel projection):
         the one of `hull_silhouette`, grown and open at the image's border.
@@ -71,15 +69,17 @@ class MaskedView:
         Whether the object reaches the image's border, which cuts the silhouette there.
     specks : int
         Pieces and holes of the mask that were left out as too small.
+    path : Path
+        The mask's file.
     """
 
     name: str
-    path: Path
     view: View
     seen: MultiPolygon
     frame: Polygon
     touches_border: bool
     specks: int
+    path: Path
 
 
 @dataclass(frozen=True)
@@ -362,12 +362,12 @@ def _masked_view(
     frame = shapely.transform(contours.frame, to_image)
     return MaskedView(
         entry.name,
-        entry.mask,
         View(camera, shapely.transform(silhouette, to_image), frame),
         shapely.transform(contours.region, to_image),
         frame,
         contours.touches_border,
         contours.specks,
+        entry.mask,
     )
 
 

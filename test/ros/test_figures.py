@@ -1,5 +1,6 @@
 """Pictures: of the right size, with something in every panel, and of the very object given."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -84,7 +85,15 @@ def masked(views):
     """Return views as if they came from masks whose images hold all of them."""
     frame = shapely.box(-100.0, -100.0, 100.0, 100.0)
     return [
-        MaskedView(f"view {number}", view, view.silhouette, frame, touches_border=False, specks=0)
+        MaskedView(
+            f"view {number}",
+            view,
+            view.silhouette,
+            frame,
+            touches_border=False,
+            specks=0,
+            path=Path(f"{number}.png"),
+        )
         for number, view in enumerate(views)
     ]
 
