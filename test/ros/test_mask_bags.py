@@ -27,7 +27,7 @@ KINDS = {
     "tf_static": "tf2_msgs/msg/TFMessage",
 }
 MIRRORED = ((-420.0, 6.0, 158.0), (0.0, 410.0, 121.0), (0.0, 0.0, 1.0))
-OPTIONS = ("--slices", "24", "--tolerance", "0.8", "--margin", "0.4")
+OPTIONS = ("--slices", "20", "--tolerance", "0.8", "--margin", "0.4")
 
 
 @pytest.fixture
@@ -84,12 +84,12 @@ def test_replaying_a_folders_mask_bag_is_reconstructing_the_folder(momrec, tmp_p
     assert ended.code == 0
     result = json.loads(ended.out)
     assert (result["views"], result["rejected_views"], result["object"]) == (6, 0, "")
+    expected = trimesh.load(mesh)  # of float32
+    assert result["volume"] == pytest.approx(expected.volume, rel=1e-5)
+    assert result["area"] == pytest.approx(expected.area, rel=1e-5)
     views = [view.view for view in read_cameras_json(folder, tolerance=0.8, margin=0.4).views]
-    expected = reconstruct(views, 24).mesh()
-    assert result["volume"] == pytest.approx(expected.volume, rel=1e-6)
-    assert result["area"] == pytest.approx(expected.area, rel=1e-6)
-    assert trimesh.load(mesh).volume == pytest.approx(expected.volume, rel=1e-5)
-    others = json.loads(momrec("replay", bag, "--json", "--slices", "24", "--margin", "3").out)
+    assert result["volume"] == pytest.approx(reconstruct(views, 20).mesh().volume, rel=1e-3)
+    others = json.loads(momrec("replay", bag, "--json", "--slices", "20", "--margin", "3").out)
     assert others["volume"] > 1.01 * result["volume"]
 
 
