@@ -29,6 +29,7 @@ ROS = [
 ]
 TEST = [
     "colcon-common-extensions>=0.3.0",
+    "contourpy>=1.2",
     "hypothesis>=6.100",
     "import-linter>=2.0",
     "mcap-ros2-support>=0.5",
@@ -54,7 +55,6 @@ setup(
     data_files=shared_files(),
     python_requires=">=3.11",
     install_requires=[
-        "contourpy>=1.2",
         "lz4>=4.0",
         "manifold3d>=3.0",
         "matplotlib>=3.8",

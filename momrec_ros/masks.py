@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias, cast
+from typing import TypeAlias
 
 import numpy as np
 import shapely
-from contourpy import FillType, contour_generator
 from numpy.typing import ArrayLike, NDArray
 from shapely import MultiPolygon, Polygon
 
 from momrec_core import InvalidContourError
+from momrec_ros.tracing import pixel_outline
 
 __all__ = ["MaskContours", "Straighten", "contours_of_mask", "hull_silhouette", "object_pixels"]
 
@@ -28,7 +28,6 @@ OUTWARDS = ((-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0))  # left, right, to
 
 # From pixels of the image, shape (n, 2), to those that a lens without distortion would show.
 Straighten: TypeAlias = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-_Filled: TypeAlias = tuple[list[NDArray[np.float64]], list[NDArray[np.int64]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +117,7 @@ def contours_of_mask(
         )
     cropped = inside[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     _check_length(cropped)
-    outline = _pixel_outline(cropped, columns[0] - 1, rows[0] - 1)
+    outline = pixel_outline(cropped, columns[0], rows[0])
     region, specks = _without_specks(outline, min_area)
     if region.is_empty:
         raise InvalidContourError(
@@ -264,19 +263,6 @@ def _check_length(inside: NDArray[np.bool_]) -> None:
         raise InvalidContourError(
             f"Expected an outline of at most {MAX_POINTS} points, got {points}"
         )
-
-
-def _pixel_outline(inside: NDArray[np.bool_], left: int, top: int) -> MultiPolygon:
-    """Return the region halfway to the background; left, top: where the padded image starts."""
-    padded = np.zeros(np.add(inside.shape, 2))
-    padded[1:-1, 1:-1] = inside
-    generator = contour_generator(z=padded, name="serial", fill_type=FillType.OuterOffset)
-    points, offsets = cast("_Filled", generator.filled(0.5, np.inf))
-    pieces = []
-    for vertices, starts in zip(points, offsets, strict=True):
-        rings = np.split(np.add(vertices, (left, top)), starts[1:-1])
-        pieces.append(Polygon(rings[0], rings[1:]))
-    return MultiPolygon(pieces)
 
 
 def _without_specks(outline: MultiPolygon, min_area: float) -> tuple[MultiPolygon, int]:
