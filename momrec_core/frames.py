@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["admissible_frames", "different", "turned_moments"]
+__all__ = ["admissible_frames", "different", "moment_tensor", "turned_moments"]
 
 FAINT = 0.02  # of a harmonic's natural size: what noise makes of a symmetric shape
 RIVAL = 0.5  # of the strongest harmonic: others as strong may be the strongest in the next view
@@ -131,7 +131,7 @@ def _peaks(moments: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     radius = np.sqrt((moments[2, 0, 0] + moments[0, 2, 0] + moments[0, 0, 2]) / moments[0, 0, 0])
     found = []
     for order in ORDERS:
-        tensor = _tensor(moments, order) / (moments[0, 0, 0] * radius**order)
+        tensor = moment_tensor(moments, order) / (moments[0, 0, 0] * radius**order)
         directions = _refined(tensor, _ascended(tensor))
         heights = np.where(_is_summit(tensor, directions), _directional(tensor, directions), 0.0)
         lowest = 0.0 if order % 2 else _directional(tensor, _spread_directions()).min()
@@ -248,15 +248,23 @@ def turned_moments(
     """
     turned = np.zeros((*moments.shape, len(frames)))
     for order in range(len(moments)):
-        tensor = _tensor(moments, order)[..., None]
+        tensor = moment_tensor(moments, order)[..., None]
         for _ in range(order):
             tensor = np.einsum("a...n,nab->...bn", tensor, frames)
         turned[_powers(order)] = tensor
     return np.moveaxis(turned, -1, 0)
 
 
-def _tensor(moments: NDArray[np.float64], order: int) -> NDArray[np.float64]:
-    """Return the moments of one order as a symmetric tensor, shape (3,) * order."""
+def moment_tensor(moments: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+    """Return the moments of one order as a symmetric tensor, shape (3,) * order.
+
+    Parameters
+    ----------
+    moments : array, shape (order + 1,) * 3, or of a higher order
+        m_ijk at [i, j, k].
+    order : int
+        Of the moments to take.
+    """
     return np.asarray(moments[_powers(order)])
 
 

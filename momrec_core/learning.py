@@ -47,10 +47,11 @@ class Learned:
     classes : tuple of str
         Labels, sorted.
     selected : tuple of int
-        The features in use, in the order of their selection.
-    means : array, shape (classes, selected)
-    covariance : array, shape (selected, selected)
-        Of the metric: within classes, with a little of T.
+        The moments in use, in the order of their selection.
+    means : array, shape (classes, features)
+        Of the selected moments, then of the common features.
+    covariance : array, shape (features, features)
+        Of the metric within classes.
     threshold : float
         Distance, in spreads of the nearest class, beyond which an instance belongs to none.
     spreads : array, shape (classes,)
@@ -72,11 +73,45 @@ class Learned:
     certainty: float
 
 
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """Instances, each in the frame in which it is like the others of its class.
+
+    Attributes
+    ----------
+    moments : array, shape (n, moments)
+    common : array, shape (n, c)
+        Further features, always in use.
+    y : array of str, shape (n,)
+        Their classes.
+    """
+
+    moments: NDArray[np.float64]
+    common: NDArray[np.float64]
+    y: NDArray[np.str_]
+
+    def selected(self, rows: NDArray[np.int64], max_features: int) -> NDArray[np.int64]:
+        """Return the moments that tell the classes of some instances apart."""
+        selector = StepwiseSelector(max_features).fit(self.moments[rows], self.y[rows])
+        return np.asarray(selector.selected_)
+
+    def features(self, rows: NDArray[np.int64], selected: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the features in use of some instances."""
+        return np.column_stack([self.moments[np.ix_(rows, selected)], self.common[rows]])
+
+    def classifier(
+        self, rows: NDArray[np.int64], selected: NDArray[np.int64]
+    ) -> MinimumDistanceClassifier:
+        """Return what some instances teach."""
+        return MinimumDistanceClassifier(METRIC).fit(self.features(rows, selected), self.y[rows])
+
+
 def learn(
     candidates: Sequence[NDArray[np.float64]],
     labels: Sequence[str],
     indices: Sequence[tuple[int, int, int]],
     max_features: int,
+    common: NDArray[np.float64] | None = None,
 ) -> Learned:
     """Learn classes, and from instances held back, what belongs to none.
 
@@ -90,6 +125,9 @@ def learn(
         Which moments the candidates hold.
     max_features : int
         Number of moments at the most.
+    common : array, shape (n, c), or None
+        What is the same in all frames of an instance, such as its size: further features, after
+        the selected ones, which are always in use.
 
     Returns
     -------
@@ -97,11 +135,12 @@ def learn(
     """
     y = np.array(labels)
     varies = _varies(np.concatenate(candidates), indices)
-    X = _aligned([np.where(varies, vectors, 0.0) for vectors in candidates], y)
-    selected = StepwiseSelector(max_features).fit(X, y).selected_
-    classifier = MinimumDistanceClassifier(METRIC).fit(X[:, selected], y)
+    moments = _aligned([np.where(varies, vectors, 0.0) for vectors in candidates], y)
+    known = _Known(moments, np.empty((len(y), 0)) if common is None else common, y)
+    selected = known.selected(np.arange(len(y)), max_features)
+    classifier = known.classifier(np.arange(len(y)), selected)
     members = np.searchsorted(classifier.classes_, y)
-    distances = _held_back_distances(X, y, max_features)
+    distances = _held_back_distances(known, max_features)
     held_back = distances[np.arange(len(members)), members]
     spreads = _spreads(held_back, members, float(np.median(held_back)))
     quantile = float(np.quantile(held_back / spreads[members], KNOWN_QUANTILE))
@@ -115,7 +154,7 @@ def learn(
         threshold=threshold,
         spreads=spreads,
         blur=_blur(distances, members, spreads),
-        certainty=_certainty(*_strays(X, y, max_features, reach)),
+        certainty=_certainty(*_strays(known, max_features, reach)),
     )
 
 
@@ -203,17 +242,15 @@ def _frames_alike(candidates: Sequence[NDArray[np.float64]]) -> list[int]:
     return frames
 
 
-def _held_back_distances(
-    X: NDArray[np.float64], y: NDArray[np.str_], max_features: int
-) -> NDArray[np.float64]:
+def _held_back_distances(known: _Known, max_features: int) -> NDArray[np.float64]:
     """Return each instance's distance from each class, learned without it; shape (n, classes)."""
-    labels, counts = np.unique(y, return_counts=True)
+    labels, counts = np.unique(known.y, return_counts=True)
     folds = StratifiedKFold(min(FOLDS, int(counts.min())), shuffle=True, random_state=0)
-    distances = np.empty((len(X), len(labels)))
-    for learned, held_back in folds.split(X, y):
-        chosen = StepwiseSelector(max_features).fit(X[learned], y[learned]).selected_
-        classifier = MinimumDistanceClassifier(METRIC).fit(X[np.ix_(learned, chosen)], y[learned])
-        distances[held_back] = classifier.distances(X[np.ix_(held_back, chosen)])
+    distances = np.empty((len(known.y), len(labels)))
+    for learned, held_back in folds.split(known.moments, known.y):
+        chosen = known.selected(learned, max_features)
+        classifier = known.classifier(learned, chosen)
+        distances[held_back] = classifier.distances(known.features(held_back, chosen))
     return distances
 
 
@@ -237,24 +274,25 @@ def _blur(
 
 
 def _strays(
-    X: NDArray[np.float64], y: NDArray[np.str_], max_features: int, reach: dict[str, float]
+    known: _Known, max_features: int, reach: dict[str, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return how far instances held back stray, and which are of classes that were left out.
 
     The classes are left out in turn, some at a time, and so are the instances.
     """
+    y = known.y
     labels, counts = np.unique(y, return_counts=True)
     if len(labels) < LEAST_CLASSES:
         return np.empty(0), np.empty(0, dtype=bool)
     folds = StratifiedKFold(min(FOLDS, int(counts.min())), shuffle=True, random_state=0)
     strays, strange = [], []
-    for turn, (learned, held_back) in enumerate(folds.split(X, y)):
+    for turn, (learned, held_back) in enumerate(folds.split(known.moments, y)):
         left_out = np.isin(y, labels[turn :: max(FOLDS, len(labels) // 2)])
         rows = learned[~left_out[learned]]
         asked = np.union1d(held_back, np.flatnonzero(left_out))
-        chosen = StepwiseSelector(max_features).fit(X[rows], y[rows]).selected_
-        classifier = MinimumDistanceClassifier(METRIC).fit(X[np.ix_(rows, chosen)], y[rows])
-        distances = classifier.distances(X[np.ix_(asked, chosen)])
+        chosen = known.selected(rows, max_features)
+        classifier = known.classifier(rows, chosen)
+        distances = classifier.distances(known.features(asked, chosen))
         nearest = classifier.classes_[distances.argmin(axis=1)]
         strays.append(distances.min(axis=1) / np.array([reach[label] for label in nearest]))
         strange.append(left_out[asked])

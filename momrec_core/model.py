@@ -13,7 +13,13 @@ import numpy as np
 from momrec_core.canonical import CanonicalShape, normalize
 from momrec_core.covariance import correlation, distances_from_means, whitening
 from momrec_core.errors import ModelFormatError, MomrecError
-from momrec_core.features import feature_vectors, moment_indices
+from momrec_core.features import (
+    INVARIANTS,
+    feature_vectors,
+    invariants,
+    log_size,
+    moment_indices,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,7 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["UNKNOWN", "Recognition", "RecognitionModel", "check_new_label", "load_model"]
 
 UNKNOWN = "unknown"  # the label of what is far from every class; no class may have it
-FORMAT, VERSION = "momrec recognition model", 2
+FORMAT, VERSION = "momrec recognition model", 3
+MOMENTS_ONLY = 2  # the version before: its models know moments alone
 MAX_FILE_BYTES = 16 * 2**20  # a model of a thousand classes has two megabytes
 MAX_ORDER = 5  # canonical shapes carry their moments up to it
 LARGEST = 1e100  # of a number in a model file: its square is one
@@ -74,10 +81,11 @@ class RecognitionModel:
         Labels.
     indices : tuple of (int, int, int)
         The moments eta_ijk in use, in the order of their selection.
-    means : array, shape (classes, moments)
-        Of each class.
-    covariance : array, shape (moments, moments)
-        Of the training instances about their class's mean, with a hundredth of T.
+    means : array, shape (classes, features)
+        Of each class: the moments in use, then the invariants and the logarithm of the size, if
+        these are.
+    covariance : array, shape (features, features)
+        Of the metric, from the training instances about their class's mean.
     threshold : float
         Distance from the nearest class, in its spreads, beyond which a shape is unknown.
     spreads : array, shape (classes,)
@@ -87,6 +95,10 @@ class RecognitionModel:
     certainty : float
         How fast the log odds that a shape is of a known class rise inside the threshold, over the
         distance in thresholds.
+    sized : bool
+        Whether the size counts as well, so that shapes must come in metres.
+    framed : bool
+        Whether moments are all that counts, not also what is the same in every frame.
     """
 
     classes: tuple[str, ...]
@@ -97,6 +109,8 @@ class RecognitionModel:
     spreads: NDArray[np.float64]
     blur: float
     certainty: float
+    sized: bool = False
+    framed: bool = True
     _whitening: NDArray[np.float64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -110,6 +124,7 @@ class RecognitionModel:
         *,
         max_features: int = 10,
         order: int = 5,
+        sized: bool = False,
     ) -> Self:
         """Learn classes from instances.
 
@@ -123,6 +138,9 @@ class RecognitionModel:
             Number of moments at the most.
         order : int
             Highest order of the moments to choose from, 2 to 5.
+        sized : bool
+            Whether size tells classes apart as well. Instances must then have the sizes that
+            their classes have in the world, in metres.
 
         Returns
         -------
@@ -146,8 +164,10 @@ class RecognitionModel:
         names = [str(label) for label in labels]
         _check_training(len(shapes), names, max_features, order)
         indices = moment_indices(order)
-        candidates = [feature_vectors(_canonical(shape), indices) for shape in shapes]
-        learned = learn(candidates, names, indices, max_features)
+        canonical = [_canonical(shape) for shape in shapes]
+        candidates = [feature_vectors(shape, indices) for shape in canonical]
+        common = np.array([_common(shape, sized=sized, framed=False) for shape in canonical])
+        learned = learn(candidates, names, indices, max_features, common)
         return cls(
             classes=learned.classes,
             indices=tuple(indices[index] for index in learned.selected),
@@ -157,6 +177,8 @@ class RecognitionModel:
             spreads=learned.spreads,
             blur=learned.blur,
             certainty=learned.certainty,
+            sized=sized,
+            framed=False,
         )
 
     def with_class(self, label: str, shapes: Sequence[CanonicalShape | trimesh.Trimesh]) -> Self:
@@ -191,8 +213,7 @@ class RecognitionModel:
         check_new_label(label, self.classes)
         if len(shapes) < 2:
             raise MomrecError(f"Expected two instances or more of {label!r}, got {len(shapes)}")
-        indices = list(self.indices)
-        candidates = [feature_vectors(_canonical(shape), indices) for shape in shapes]
+        candidates = [self._features(_canonical(shape)) for shape in shapes]
         mean, spread = learn_class(candidates, self._whitening, float(np.median(self.spreads)))
         return replace(
             self,
@@ -220,7 +241,7 @@ class RecognitionModel:
             If a mesh has no area.
         """
         canonical = _canonical(mesh_or_canonical)
-        vectors = feature_vectors(canonical, list(self.indices))
+        vectors = self._features(canonical)
         distances = distances_from_means(vectors, self.means, self._whitening).min(axis=0)
         nearest = int(np.argmin(distances))
         strayed = float(distances[nearest] / (self.threshold * self.spreads[nearest]))
@@ -240,6 +261,12 @@ class RecognitionModel:
             ranking=ranking,
             canonical=canonical,
         )
+
+    def _features(self, canonical: CanonicalShape) -> NDArray[np.float64]:
+        """Return what the model looks at, in each admissible frame; shape (frames, features)."""
+        vectors = feature_vectors(canonical, list(self.indices))
+        common = _common(canonical, sized=self.sized, framed=self.framed)
+        return np.column_stack([vectors, np.tile(common, (len(vectors), 1))])
 
     def _familiarity_at(self, strayed: float) -> float:
         return float(1.0 / (1.0 + np.exp(min(self.certainty * (strayed - 1.0), MOST_ODDS))))
@@ -269,6 +296,8 @@ class RecognitionModel:
             "spreads": self.spreads.tolist(),
             "blur": self.blur,
             "certainty": self.certainty,
+            "sized": self.sized,
+            "framed": self.framed,
         }
         target = Path(path)
         temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
@@ -358,12 +387,16 @@ def _from_content(content: object) -> RecognitionModel:
             f'Expected an object with "format": "{FORMAT}", got {_described(came)}'
         )
     version = content.get("version")
-    if type(version) is not int or version != VERSION:
-        raise ModelFormatError(f'Expected "version": {VERSION}, got {_described(version)}')
+    if type(version) is not int or version not in (MOMENTS_ONLY, VERSION):
+        raise ModelFormatError(
+            f'Expected "version": {MOMENTS_ONLY} or {VERSION}, got {_described(version)}'
+        )
+    sized, framed = (False, True) if version == MOMENTS_ONLY else _switches(content)
     classes = _labels(content.get("classes"))
     indices = _indices(content.get("moments"))
-    means = _numbers(content, "means", (len(classes), len(indices)))
-    covariance = _numbers(content, "covariance", (len(indices), len(indices)))
+    features = len(indices) + (0 if framed else INVARIANTS) + sized
+    means = _numbers(content, "means", (len(classes), features))
+    covariance = _numbers(content, "covariance", (features, features))
     _check_covariance(covariance)
     threshold = float(_numbers(content, "threshold", ()))
     (spreads,) = _numbers({"spreads": [content.get("spreads")]}, "spreads", (1, len(classes)))
@@ -377,8 +410,27 @@ def _from_content(content: object) -> RecognitionModel:
             f'Expected positive "blur" and "certainty", got {blur} and {certainty}'
         )
     return RecognitionModel(
-        classes, indices, means, covariance, threshold, spreads, blur, certainty
+        classes,
+        indices,
+        means,
+        covariance,
+        threshold,
+        spreads,
+        blur,
+        certainty,
+        sized=sized,
+        framed=framed,
     )
+
+
+def _switches(content: Mapping[str, object]) -> tuple[bool, bool]:
+    sized, framed = content.get("sized"), content.get("framed")
+    if not (isinstance(sized, bool) and isinstance(framed, bool)):
+        raise ModelFormatError(
+            f'Expected true or false in "sized" and "framed", got {_described(sized)} and '
+            f"{_described(framed)}"
+        )
+    return sized, framed
 
 
 def _labels(value: object) -> tuple[str, ...]:
@@ -486,6 +538,12 @@ def _check_training(count: int, names: Sequence[str], max_features: int, order: 
     if len(labels) < 2 or counts.min() < 2:
         found = dict(zip(labels.tolist(), counts.tolist(), strict=True))
         raise ValueError(f"Expected two classes or more with two instances or more, got {found}")
+
+
+def _common(shape: CanonicalShape, *, sized: bool, framed: bool) -> NDArray[np.float64]:
+    """Return the features of a shape that are the same in all its frames."""
+    numbers = np.empty(0) if framed else invariants(shape)
+    return np.append(numbers, log_size(shape)) if sized else numbers
 
 
 def _canonical(shape: CanonicalShape | trimesh.Trimesh) -> CanonicalShape:

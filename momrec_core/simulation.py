@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,10 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from momrec_core.camera import Camera
 from momrec_core.errors import DegenerateShapeError
-from momrec_core.silhouette import silhouette_of_mesh
+from momrec_core.silhouette import silhouettes_of_mesh
 from momrec_core.view import View
 
 __all__ = [
+    "SCALES",
     "Instance",
     "Projection",
     "look_at",
@@ -24,6 +26,7 @@ __all__ = [
     "random_directions",
     "random_rotation",
     "random_similarity",
+    "simulate_cameras",
     "simulate_instance",
     "simulate_views",
 ]
@@ -208,15 +211,42 @@ def simulate_views(
     DegenerateShapeError
         If the mesh has no extent or shows no area.
     """
+    cameras = simulate_cameras(mesh, count, rng, projection=projection, distance=distance)
+    return [
+        noisy_view(view, noise, rng) if noise > 0 else view
+        for view in silhouettes_of_mesh(mesh, cameras)
+    ]
+
+
+def simulate_cameras(
+    mesh: trimesh.Trimesh,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    projection: Projection = "orthographic",
+    distance: float = 3.0,
+) -> Iterator[Camera]:
+    """Place cameras that look at a mesh from random, well spread directions with random roll.
+
+    Parameters
+    ----------
+    mesh, count, rng, projection, distance
+        As for `simulate_views`.
+
+    Yields
+    ------
+    camera : Camera
+
+    Raises
+    ------
+    DegenerateShapeError
+        If the mesh has no extent.
+    """
     center, radius = _bounding_sphere(mesh)
     away = 2 * radius * distance
-    views = []
     for direction in random_directions(count, rng):
         pose = look_at(center, direction, away, rng.uniform(0.0, 2 * np.pi))
-        camera = _camera(pose, projection, away / radius)
-        view = silhouette_of_mesh(mesh, camera)
-        views.append(noisy_view(view, noise, rng) if noise > 0 else view)
-    return views
+        yield _camera(pose, projection, away / radius)
 
 
 def simulate_instance(

@@ -25,10 +25,13 @@ from momrec_ros.masks import (
 )
 
 __all__ = [
+    "FILE_NAME",
     "CamerasError",
+    "FiledCamera",
     "MaskedView",
     "MaskedViews",
     "RejectedMask",
+    "read_cameras",
     "read_cameras_json",
     "read_mask",
 ]
@@ -98,6 +101,67 @@ class MaskedViews:
     rejected: tuple[RejectedMask, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class FiledCamera:
+    """A camera of a camera file.
+
+    Attributes
+    ----------
+    camera : Camera
+        In the world of P.
+    pixels_from_image : array, shape (2, 3)
+        Affine map from the camera's image coordinates to pixels, centres at integers.
+    size : tuple of int, or None
+        Width and height of its images, pixels, where the file tells them.
+    """
+
+    camera: Camera
+    pixels_from_image: NDArray[np.float64]
+    size: tuple[int, int] | None
+
+
+def read_cameras(path: Path) -> tuple[FiledCamera, ...]:
+    """Read the cameras of a camera file, whose masks need not be there.
+
+    Parameters
+    ----------
+    path : Path
+        As `read_cameras_json` describes it; ``mask`` may be missing.
+
+    Returns
+    -------
+    cameras : tuple of FiledCamera
+        In the order of the file. The sign of each P is the one that puts the point nearest to the
+        rays through the images' middles at positive depth; the middle of an image whose size is
+        not told is where its optical axis meets it.
+
+    Raises
+    ------
+    CamerasError
+        If the file is missing or not as described.
+    """
+    found = []
+    for number, fields in enumerate(_load_views(path)):
+        label = f"View {number}"
+        if not isinstance(fields, Mapping):
+            raise CamerasError(f"{label}: expected an object, got {_told(fields)}")
+        P = _check_projection(fields.get("P"), label)
+        found.append((P, _check_size(fields.get("width"), fields.get("height"), label)))
+    signs = _signs([(P, _middle(P, size)) for P, size in found])
+    return tuple(
+        FiledCamera(*_camera_of(sign * P), size)
+        for (P, size), sign in zip(found, signs, strict=True)
+    )
+
+
+def _middle(P: NDArray[np.float64], size: tuple[int, int] | None) -> shapely.Point:
+    if size is not None:
+        return shapely.Point((size[0] - 1) / 2, (size[1] - 1) / 2)
+    if _is_parallel(P):
+        return shapely.Point(P[:2, 3] / P[2, 3])
+    return shapely.Point(P[:2, :3] @ P[2, :3] / (P[2, :3] @ P[2, :3]))
+
+
 def read_cameras_json(
     folder: str | Path, *, tolerance: float = 0.5, margin: float = 0.25, min_area: float = 16.0
 ) -> MaskedViews:
@@ -160,13 +224,17 @@ class _Entry:
 
 
 def _read_entries(folder: Path) -> list[_Entry]:
-    path = folder / FILE_NAME
+    views = _load_views(folder / FILE_NAME)
+    return [_check_entry(folder, number, fields) for number, fields in enumerate(views)]
+
+
+def _load_views(path: Path) -> list[object]:
     content = _load_json(path)
     views = content.get("views") if isinstance(content, dict) else None
     if not isinstance(views, list) or not 1 <= len(views) <= MAX_VIEWS:
         got = f"{len(views)} of them" if isinstance(views, list) else _told(views)
         raise CamerasError(f"Expected 'views' in {path}, a list of 1 to {MAX_VIEWS}, got {got}")
-    return [_check_entry(folder, number, fields) for number, fields in enumerate(views)]
+    return views
 
 
 def _load_json(path: Path) -> object:
@@ -352,7 +420,7 @@ def _ray(
 def _masked_view(
     entry: _Entry, P: NDArray[np.float64], contours: MaskContours, margin: float
 ) -> MaskedView:
-    camera, pixels_from_image = _parallel(P) if _is_parallel(P) else (_pinhole(P), np.eye(2, 3))
+    camera, pixels_from_image = _camera_of(P)
 
     def to_image(points: NDArray[np.float64]) -> NDArray[np.float64]:
         offset = points - pixels_from_image[:, 2]
@@ -369,6 +437,11 @@ def _masked_view(
         contours.specks,
         entry.mask,
     )
+
+
+def _camera_of(P: NDArray[np.float64]) -> tuple[Camera, NDArray[np.float64]]:
+    """Return a camera and the affine map from its image coordinates to pixels, (2, 3)."""
+    return _parallel(P) if _is_parallel(P) else (_pinhole(P), np.eye(2, 3))
 
 
 def _pinhole(P: NDArray[np.float64]) -> Camera:

@@ -78,6 +78,16 @@ Rectified = Annotated[
 MaxFeatures = Annotated[int, _option(parameters.MAX_FEATURES)]
 Order = Annotated[int, _option(parameters.ORDER)]
 Workers = Annotated[int, _option(parameters.WORKERS)]
+RigPath = Annotated[
+    Path | None,
+    typer.Option(
+        exists=True, help="Camera file, or bag, whose cameras are simulated instead of any."
+    ),
+]
+ImageSize = Annotated[str, _option(parameters.IMAGE_SIZE)]
+Upright = Annotated[bool, _option(parameters.UPRIGHT)]
+Sized = Annotated[bool, _option(parameters.SIZED)]
+Unit = Annotated[float, _option(parameters.UNIT)]
 Splits = Annotated[int, _option(parameters.SPLITS)]
 
 
@@ -204,12 +214,24 @@ def train(
     noise: Noise = parameters.NOISE.default,
     max_features: MaxFeatures = parameters.MAX_FEATURES.default,
     order: Order = parameters.ORDER.default,
+    rig: RigPath = None,
+    upright: Upright = parameters.UPRIGHT.default,
+    image_size: ImageSize = parameters.IMAGE_SIZE.default,
+    size: Sized = parameters.SIZED.default,
+    unit: Unit = parameters.UNIT.default,
+    figures: Annotated[
+        Path | None, typer.Option(help="New folder for a picture of classes that are alike.")
+    ] = None,
     seed: Seed = parameters.SEED.default,
     workers: Workers = parameters.WORKERS.default,
 ) -> None:
-    """Learn to name the classes of meshes from simulated, reconstructed instances."""
+    """Learn to name the classes of meshes from simulated, reconstructed instances.
+
+    Each of them is seen from its own random directions, or by all cameras of a rig: the cameras of
+    a cameras.json as of reconstruct, or those that saw the first object of a bag.
+    """
     with _plain_interrupts():
-        from momrec_ros.commands import Course, run_train  # noqa: PLC0415
+        from momrec_ros.commands import Course, Scene, run_train  # noqa: PLC0415
 
     course = Course(
         instances=instances,
@@ -218,10 +240,12 @@ def train(
         noise=noise,
         max_features=max_features,
         order=order,
+        sized=size,
+        scene=Scene(rig, upright, image_size, unit),
         seed=seed,
         workers=workers,
     )
-    raise typer.Exit(run_train(meshes, output, course))
+    raise typer.Exit(run_train(meshes, output, figures, course))
 
 
 @app.command()
@@ -240,6 +264,10 @@ def learn(
     views: Views = parameters.VIEWS.default,
     slices: Slices = parameters.SLICES.default,
     noise: Noise = parameters.NOISE.default,
+    rig: RigPath = None,
+    upright: Upright = parameters.UPRIGHT.default,
+    image_size: ImageSize = parameters.IMAGE_SIZE.default,
+    unit: Unit = parameters.UNIT.default,
     seed: Seed = parameters.SEED.default,
     workers: Workers = parameters.WORKERS.default,
     projection: ProjectionRule = Projection.AUTO,
@@ -251,7 +279,7 @@ def learn(
     an instance of the class, whatever its id. Two instances are enough, more are better.
     """
     with _plain_interrupts():
-        from momrec_ros.commands import Sources, run_learn  # noqa: PLC0415
+        from momrec_ros.commands import Scene, Sources, run_learn  # noqa: PLC0415
 
     given = Sources(
         paths=sources,
@@ -259,6 +287,7 @@ def learn(
         views=views,
         slices=slices,
         noise=noise,
+        scene=Scene(rig, upright, image_size, unit),
         seed=seed,
         workers=workers,
         projection=projection,

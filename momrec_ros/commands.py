@@ -21,6 +21,8 @@ from momrec_ros import parameters
 from momrec_ros.bag import read_bag
 from momrec_ros.bag_writer import BagWriter
 from momrec_ros.cameras_json import MaskedView, MaskedViews, read_cameras_json, read_mask
+from momrec_ros.confusion_figures import draw_confusions
+from momrec_ros.confusions import confusions
 from momrec_ros.demo_folder import replaced_folder
 from momrec_ros.experiment import Plan
 from momrec_ros.experiment_folder import Objects, write_experiment
@@ -48,16 +50,24 @@ from momrec_ros.report import (
     result_row,
     result_table,
 )
+from momrec_ros.rigs import image_size, read_rig
 from momrec_ros.session import CONTRADICTS, Ended, Lost, Result, Session
 from momrec_ros.shared_data import shared_path
 from momrec_ros.terminal import Terminal
-from momrec_ros.training import find_classes, recognition_rates, reconstructed_instances
+from momrec_ros.training import (
+    Sight,
+    held_back_recognitions,
+    read_classes,
+    recognition_rates,
+    reconstructed_instances,
+)
 from momrec_ros.workers import FigureDrawer
 
 __all__ = [
     "Course",
     "MaskRules",
     "Recording",
+    "Scene",
     "Sources",
     "run_demo",
     "run_experiment",
@@ -93,6 +103,38 @@ class Recording:
 
 
 @dataclass(frozen=True)
+class Scene:
+    """What simulated instances are seen by; the fields are the parameters of the same names.
+
+    Attributes
+    ----------
+    rig : Path or None
+        A camera file or a bag.
+    upright : bool
+    image_size : str
+        Width and height with an x between, or empty.
+    unit : float
+    """
+
+    rig: Path | None = None
+    upright: bool = parameters.UPRIGHT.default
+    image_size: str = parameters.IMAGE_SIZE.default
+    unit: float = parameters.UNIT.default
+
+    def sight(self, *, own_size: bool) -> Sight:
+        """Return how simulated instances are seen.
+
+        Raises
+        ------
+        MomrecError
+            If the size is none, or the rig cannot be read.
+        """
+        size = image_size(self.image_size)
+        rig = None if self.rig is None else read_rig(self.rig, size)
+        return Sight(image_size=size, rig=rig, upright=self.upright, own_size=own_size)
+
+
+@dataclass(frozen=True)
 class Course:
     """How to train; the fields are the parameters of the same names."""
 
@@ -102,6 +144,8 @@ class Course:
     noise: float
     max_features: int
     order: int
+    sized: bool
+    scene: Scene
     seed: int
     workers: int
 
@@ -115,6 +159,7 @@ class Sources:
     views: int
     slices: int
     noise: float
+    scene: Scene
     seed: int
     workers: int
     projection: str
@@ -320,32 +365,46 @@ def _stamped(object_id: str, views: Iterable[View], stamps: Iterator[int]) -> It
         yield StampedView(object_id, next(stamps), WORLD, view)
 
 
-def run_train(paths: Sequence[Path], output: Path, course: Course) -> int:
+def run_train(paths: Sequence[Path], output: Path, figures: Path | None, course: Course) -> int:
     """Learn classes from meshes; see `momrec train --help`."""
-    expect_new(output)
+    expect_new(output, figures)
     terminal = Terminal()
-    classes = find_classes(paths)
+    sight = course.scene.sight(own_size=course.sized)
+    classes = read_classes(paths, course.scene.unit)
+    for loss in classes.losses:
+        terminal.lost(loss)
     rebuilt = reconstructed_instances(
-        classes,
+        classes.meshes,
         instances=course.instances,
         views=course.views,
         slices=course.slices,
         noise=course.noise,
         seed=course.seed,
         workers=course.workers,
+        sight=sight,
     )
-    total = len(classes) * course.instances
+    total = len(classes.meshes) * course.instances
     pairs = list(terminal.progress(rebuilt, "reconstructing", total))
     labels = [label for label, _ in pairs]
     shapes = [shape for _, shape in pairs]
-    fit = partial(RecognitionModel.fit, max_features=course.max_features, order=course.order)
+    fit = partial(
+        RecognitionModel.fit,
+        max_features=course.max_features,
+        order=course.order,
+        sized=course.sized,
+    )
     model = fit(shapes, labels)
-    rates = recognition_rates(model, fit, shapes, labels)
-    with new_file(output) as temporary:
-        model.save(temporary)
-    terminal.table(rate_table(rates))
-    terminal.wrote(output)
-    return ALL_USED
+    held_back = held_back_recognitions(fit, shapes, labels)
+    found = confusions(labels, held_back)
+    with ExitStack() as stack:
+        if figures is not None:
+            folder = stack.enter_context(new_folder(figures))
+            meshes = {label: shape.mesh for label, shape in reversed(pairs)}
+            draw_confusions(found, meshes, folder / "confusions.png")
+        model.save(stack.enter_context(new_file(output)))
+    terminal.table(rate_table(recognition_rates(model, held_back, shapes, labels), found))
+    terminal.wrote(output, figures)
+    return SOMETHING_LOST if classes.losses else ALL_USED
 
 
 def run_learn(model: Path, label: str, output: Path, sources: Sources) -> int:
@@ -355,7 +414,7 @@ def run_learn(model: Path, label: str, output: Path, sources: Sources) -> int:
     known = load_model(model)
     check_new_label(label, known.classes)
     meshes, bags = split_sources(sources.paths)
-    shapes = _simulated(meshes, sources, terminal)
+    shapes = _simulated(meshes, sources, known.sized, terminal)
     losses = sum(_gather(bag, sources, shapes, terminal) for bag in bags)
     learned = known.with_class(label, shapes)
     lesson = assess(known, learned, shapes)
@@ -369,19 +428,20 @@ def run_learn(model: Path, label: str, output: Path, sources: Sources) -> int:
 
 
 def _simulated(
-    meshes: Sequence[Path], sources: Sources, terminal: Terminal
+    meshes: Sequence[Path], sources: Sources, own_size: bool, terminal: Terminal
 ) -> list[CanonicalShape]:
     """Return instances of one class, which take turns with the meshes; none without meshes."""
     if not meshes:
         return []
     rebuilt = reconstructed_instances(
-        {"": [read_mesh(path) for path in meshes]},
+        {"": [read_mesh(path, sources.scene.unit) for path in meshes]},
         instances=sources.instances,
         views=sources.views,
         slices=sources.slices,
         noise=sources.noise,
         seed=sources.seed,
         workers=sources.workers,
+        sight=sources.scene.sight(own_size=own_size),
     )
     return [shape for _, shape in terminal.progress(rebuilt, "reconstructing", sources.instances)]
 

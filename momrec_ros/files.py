@@ -8,8 +8,13 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import trimesh
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from momrec_core.errors import DegenerateShapeError, MomrecError
 
@@ -27,6 +32,8 @@ __all__ = [
 
 MESH_INPUTS = (".ply", ".stl", ".obj", ".off", ".glb")
 MESH_OUTPUTS = (".ply", ".stl", ".glb")
+MATERIALS = (".obj", ".ply")  # whose readers look for textures unless told not to
+DEBRIS_AREA = 1e-3  # of a scan's surface, for all that is left out as debris together
 LARGEST_MESH = 1 << 30  # bytes; above, reading takes minutes and most of a desktop's memory
 LONGEST_NAME = (
     80  # characters of a file name that an object's id gives; file systems take 255 bytes
@@ -132,18 +139,22 @@ def file_name(object_id: str) -> str:
     return kept.lstrip(".")[:LONGEST_NAME] or "object"
 
 
-def read_mesh(path: Path) -> trimesh.Trimesh:
+def read_mesh(path: Path, unit: float = 1.0) -> trimesh.Trimesh:
     """Read a mesh.
 
     Parameters
     ----------
     path : Path
-        A PLY, STL, OBJ, OFF or GLB file, in metres.
+        A PLY, STL, OBJ, OFF or GLB file.
+    unit : float
+        Metres of a unit of the file.
 
     Returns
     -------
     mesh : Trimesh
-        All bodies of the file as one.
+        All bodies of the file as one, each where its scene has it; closed or not, wound as in the
+        file. Textures are not read. Without faces that are not finite, and without small pieces
+        beside the others, as scanners leave them.
 
     Raises
     ------
@@ -152,23 +163,56 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     DegenerateShapeError
         If it is no mesh, is damaged, or has no faces.
     """
-    if path.suffix.lower() not in MESH_INPUTS:
+    kind = path.suffix.lower()
+    if kind not in MESH_INPUTS:
         raise DegenerateShapeError(f"Expected one of {', '.join(MESH_INPUTS)}, got {path}")
     if path.stat().st_size > LARGEST_MESH:
         raise DegenerateShapeError(
             f"Expected a mesh of at most {LARGEST_MESH} bytes, got {path} of {path.stat().st_size}"
         )
+    options: dict[str, Any] = {"skip_materials": True} if kind in MATERIALS else {}
     try:
-        mesh = trimesh.load(path, file_type=path.suffix[1:].lower(), force="mesh")
+        mesh = trimesh.load(path, file_type=kind[1:], force="mesh", **options)
     except OSError:
         raise
     except Exception as error:  # the readers raise whatever a damaged file leads them to
         raise DegenerateShapeError(
             f"Expected a mesh, got a damaged file {path}: {error}"
         ) from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+    cleaned = _cleaned(mesh) if isinstance(mesh, trimesh.Trimesh) else None
+    if cleaned is None or len(cleaned.faces) == 0:
         raise DegenerateShapeError(f"Expected a mesh with faces, got none in {path}")
-    return mesh
+    cleaned.vertices = cleaned.vertices * unit
+    return cleaned
+
+
+def _cleaned(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return what there is of the object itself, with equal vertices made one."""
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    finite = np.asarray(np.isfinite(vertices[mesh.faces]).all(axis=(1, 2)))
+    bare = trimesh.Trimesh(vertices, mesh.faces[finite], process=False)
+    bare.remove_unreferenced_vertices()
+    if len(bare.faces):
+        bare.merge_vertices()
+        bare.update_faces(~_is_debris(bare))
+        bare.remove_unreferenced_vertices()
+    return bare
+
+
+def _is_debris(mesh: trimesh.Trimesh) -> NDArray[np.bool_]:
+    """Mark the faces of pieces that are small, and outside of the box around the large ones."""
+    left, right = np.asarray(mesh.face_adjacency).reshape(-1, 2).T
+    joined = coo_array((np.ones(len(left)), (left, right)), shape=2 * (len(mesh.faces),))
+    _, pieces = connected_components(joined, directed=False)
+    areas = np.bincount(pieces, weights=mesh.area_faces)
+    large = areas > DEBRIS_AREA * areas.sum()
+    if areas[~large].sum() > DEBRIS_AREA * areas.sum():  # a surface in pieces, not debris
+        return np.zeros(len(mesh.faces), dtype=np.bool_)
+    kept = mesh.triangles[large[pieces]].reshape(-1, 3)
+    low, high = mesh.triangles.min(axis=1), mesh.triangles.max(axis=1)
+    beside = ((high < kept.min(axis=0)) | (low > kept.max(axis=0))).any(axis=1)
+    wholly = np.bincount(pieces, weights=beside) == np.bincount(pieces)
+    return np.asarray((~large & wholly)[pieces])
 
 
 def check_mesh_output(path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Generic, TypeVar
 __all__ = [
     "AUTOSTART",
     "DISTANCE",
+    "IMAGE_SIZE",
     "INPUT_RELIABILITY",
     "INSTANCES",
     "MARGIN",
@@ -32,9 +33,12 @@ __all__ = [
     "RECTIFIED",
     "SEED",
     "SIMULATED_PROJECTION",
+    "SIZED",
     "SLICES",
     "SPLITS",
     "TOLERANCE",
+    "UNIT",
+    "UPRIGHT",
     "VIEWS",
     "WORKERS",
     "WORLD_FRAME",
@@ -284,6 +288,20 @@ MARGIN = Parameter(
 SEED = Parameter("seed", 0, "Seed of all that is drawn at random.", 0, 2**32 - 1)
 MAX_FEATURES = Parameter("max_features", 10, "Moments that the model uses at most.", 1, 49)
 ORDER = Parameter("order", 5, "Highest order of the moments.", 2, 5)
+IMAGE_SIZE = Parameter(
+    "image_size",
+    "",
+    "Pixels of simulated masks, 640x480 say, which contours are traced from; empty for exact ones.",
+)
+UPRIGHT = Parameter(
+    "upright", False, "Turn objects before the rig about the vertical (z) only, not every way."
+)
+SIZED = Parameter(
+    "size", False, "Tell classes apart by size as well; objects keep the size of their files."
+)
+UNIT = Parameter(
+    "unit", 1.0, "Metres of a unit of the mesh files: 0.001 for millimetres.", 1e-9, 1e9
+)
 WORKERS = Parameter("workers", 2, "Processes to reconstruct with, at most.", 1, 256)
 SPLITS = Parameter("splits", 50, "Random splits into training and test set.", 1, 10_000)
 

@@ -14,6 +14,7 @@ from momrec_ros.messages import pose_from_matrix
 
 if TYPE_CHECKING:
     from momrec_core.recognizer import ObjectResult
+    from momrec_ros.confusions import Confusions
     from momrec_ros.lessons import Lesson
     from momrec_ros.training import ClassRate
 
@@ -141,13 +142,15 @@ def result_table(rows: Sequence[ResultRow]) -> Table:
     return table
 
 
-def rate_table(rates: Sequence[ClassRate]) -> Table:
+def rate_table(rates: Sequence[ClassRate], found: Confusions) -> Table:
     """Describe how well a new model names the instances of each class, and of all.
 
     Parameters
     ----------
     rates : sequence of ClassRate
         One per class.
+    found : Confusions
+        What held-back instances of the same classes are taken for.
 
     Returns
     -------
@@ -163,12 +166,17 @@ def rate_table(rates: Sequence[ClassRate]) -> Table:
     ):
         right = sum(share * rate.instances for share, rate in zip(shares, rates, strict=True))
         table.add_column(heading, f"{100 * right / total:.1f}", justify="right")
+    table.add_column("most like", overflow="fold")
+    table.add_column("its share %", justify="right")
     for rate in rates:
+        other = found.taken_for(rate.label)
         table.add_row(
             Text(printable(rate.label), style="bold"),
             str(rate.instances),
             f"{100 * rate.training:.1f}",
             f"{100 * rate.cross_validated:.1f}",
+            Text(printable(other[0]) if other else ""),
+            f"{100 * other[1]:.1f}" if other else "",
         )
     return table
 
