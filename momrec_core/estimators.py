@@ -18,11 +18,12 @@ if TYPE_CHECKING:
 __all__ = ["MinimumDistanceClassifier", "StepwiseSelector"]
 
 
-METRICS = ("total", "within")
-# Of the variances, added to the metric within classes: few instances tell how features vary, but
-# hardly how they do so together. Between a tenth and all of them, rates are the same.
+METRICS = ("total", "within", "shrunk")
+TOTAL_SHARE = 0.01  # of the metric within classes: more blurs, less trusts few instances too much
+# Of the variances, added to the shrunk metric: few instances tell how features vary, but hardly
+# how many of them do so together. Between a tenth and all of them, rates are the same.
 OWN_SHARE = 0.3
-TOTAL_SHARE = 1e-4  # of T, likewise: where instances are equal, it tells classes apart
+TRACE_SHARE = 1e-4  # of T in it: where instances are equal, this tells classes apart
 
 
 class StepwiseSelector(SelectorMixin, BaseEstimator):  # type: ignore[misc]  # both are untyped
@@ -139,15 +140,25 @@ def _without(
     return residual @ total @ residual.T, residual @ between @ residual.T
 
 
+def _blended(
+    within: NDArray[np.float64], total: NDArray[np.float64], metric: str
+) -> NDArray[np.float64]:
+    """Return the covariance within classes as a metric takes it, with a part of T."""
+    if metric == "within":
+        return (1.0 - TOTAL_SHARE) * within + TOTAL_SHARE * total
+    return within + OWN_SHARE * np.diag(np.diag(within)) + TRACE_SHARE * total
+
+
 class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # likewise
     """Give each vector the class with the nearest mean in the metric of a covariance matrix.
 
     Parameters
     ----------
-    metric : {"total", "within"}, default "total"
+    metric : {"total", "within", "shrunk"}, default "total"
         Which one: T, of all vectors about their common mean, as in the paper; or that of the
-        vectors about their own class's mean, drawn a little towards its diagonal, and with a
-        trace of T so that it tells classes apart even where their instances are equal.
+        vectors about their own class's mean, with a hundredth of T so that it tells classes
+        apart even where their instances are equal; or the latter drawn towards its diagonal, with
+        a trace of T only, for many features and classes that are much alike.
 
     Attributes
     ----------
@@ -200,11 +211,10 @@ class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):  # type: ignore
             [vectors[classes == index].mean(axis=0) for index in np.unique(classes)]
         )
         self.covariance_ = np.atleast_2d(np.cov(vectors.T, bias=True))
-        if self.metric == "within":
+        if self.metric != "total":
             offsets = vectors - self.means_[classes]
             within = offsets.T @ offsets / len(offsets)
-            within += OWN_SHARE * np.diag(np.diag(within))
-            self.covariance_ = within + TOTAL_SHARE * self.covariance_
+            self.covariance_ = _blended(within, self.covariance_, self.metric)
         self.whitening_, self.regularized_ = whitening(self.covariance_)
         return self
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Learned", "learn", "learn_class"]
 
 METRIC = "within"  # the paper's, "total", lets what varies by noise alone count as much
+METRIC_OF_MORE = "shrunk"  # where invariants or size count beside the moments
 ALIGNING_ROUNDS = 10  # in which the instances of a class find their common frame
 FOLDS = 5  # of the cross-validation that the threshold is learned from
 KNOWN_QUANTILE = 0.99  # of the held-back distances lies below the threshold, before its margin
@@ -51,7 +52,7 @@ class Learned:
     means : array, shape (classes, features)
         Of the selected moments, then of the common features.
     covariance : array, shape (features, features)
-        Of the metric within classes.
+        Of the metric: within classes, with a little of T.
     threshold : float
         Distance, in spreads of the nearest class, beyond which an instance belongs to none.
     spreads : array, shape (classes,)
@@ -103,7 +104,8 @@ class _Known:
         self, rows: NDArray[np.int64], selected: NDArray[np.int64]
     ) -> MinimumDistanceClassifier:
         """Return what some instances teach."""
-        return MinimumDistanceClassifier(METRIC).fit(self.features(rows, selected), self.y[rows])
+        metric = METRIC_OF_MORE if self.common.shape[1] else METRIC
+        return MinimumDistanceClassifier(metric).fit(self.features(rows, selected), self.y[rows])
 
 
 def learn(
@@ -136,7 +138,9 @@ def learn(
     y = np.array(labels)
     varies = _varies(np.concatenate(candidates), indices)
     moments = _aligned([np.where(varies, vectors, 0.0) for vectors in candidates], y)
-    known = _Known(moments, np.empty((len(y), 0)) if common is None else common, y)
+    further = np.empty((len(y), 0)) if common is None else common
+    further = np.where(further.std(axis=0) > ROUNDING, further, 0.0)
+    known = _Known(moments, further, y)
     selected = known.selected(np.arange(len(y)), max_features)
     classifier = known.classifier(np.arange(len(y)), selected)
     members = np.searchsorted(classifier.classes_, y)

@@ -97,8 +97,8 @@ class RecognitionModel:
         distance in thresholds.
     sized : bool
         Whether the size counts as well, so that shapes must come in metres.
-    framed : bool
-        Whether moments are all that counts, not also what is the same in every frame.
+    with_invariants : bool
+        Whether what is the same in every frame counts beside the moments.
     """
 
     classes: tuple[str, ...]
@@ -110,7 +110,7 @@ class RecognitionModel:
     blur: float
     certainty: float
     sized: bool = False
-    framed: bool = True
+    with_invariants: bool = False
     _whitening: NDArray[np.float64] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -125,6 +125,7 @@ class RecognitionModel:
         max_features: int = 10,
         order: int = 5,
         sized: bool = False,
+        with_invariants: bool = False,
     ) -> Self:
         """Learn classes from instances.
 
@@ -141,6 +142,9 @@ class RecognitionModel:
         sized : bool
             Whether size tells classes apart as well. Instances must then have the sizes that
             their classes have in the world, in metres.
+        with_invariants : bool
+            Whether the lengths of the moment tensors, which are the same in every frame, tell
+            classes apart as well: for many classes, and round ones.
 
         Returns
         -------
@@ -166,7 +170,9 @@ class RecognitionModel:
         indices = moment_indices(order)
         canonical = [_canonical(shape) for shape in shapes]
         candidates = [feature_vectors(shape, indices) for shape in canonical]
-        common = np.array([_common(shape, sized=sized, framed=False) for shape in canonical])
+        common = np.array(
+            [_common(shape, sized=sized, with_invariants=with_invariants) for shape in canonical]
+        )
         learned = learn(candidates, names, indices, max_features, common)
         return cls(
             classes=learned.classes,
@@ -178,7 +184,7 @@ class RecognitionModel:
             blur=learned.blur,
             certainty=learned.certainty,
             sized=sized,
-            framed=False,
+            with_invariants=with_invariants,
         )
 
     def with_class(self, label: str, shapes: Sequence[CanonicalShape | trimesh.Trimesh]) -> Self:
@@ -265,7 +271,7 @@ class RecognitionModel:
     def _features(self, canonical: CanonicalShape) -> NDArray[np.float64]:
         """Return what the model looks at, in each admissible frame; shape (frames, features)."""
         vectors = feature_vectors(canonical, list(self.indices))
-        common = _common(canonical, sized=self.sized, framed=self.framed)
+        common = _common(canonical, sized=self.sized, with_invariants=self.with_invariants)
         return np.column_stack([vectors, np.tile(common, (len(vectors), 1))])
 
     def _familiarity_at(self, strayed: float) -> float:
@@ -297,7 +303,7 @@ class RecognitionModel:
             "blur": self.blur,
             "certainty": self.certainty,
             "sized": self.sized,
-            "framed": self.framed,
+            "invariants": self.with_invariants,
         }
         target = Path(path)
         temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
@@ -391,10 +397,10 @@ def _from_content(content: object) -> RecognitionModel:
         raise ModelFormatError(
             f'Expected "version": {MOMENTS_ONLY} or {VERSION}, got {_described(version)}'
         )
-    sized, framed = (False, True) if version == MOMENTS_ONLY else _switches(content)
+    sized, with_invariants = (False, False) if version == MOMENTS_ONLY else _switches(content)
     classes = _labels(content.get("classes"))
     indices = _indices(content.get("moments"))
-    features = len(indices) + (0 if framed else INVARIANTS) + sized
+    features = len(indices) + INVARIANTS * with_invariants + sized
     means = _numbers(content, "means", (len(classes), features))
     covariance = _numbers(content, "covariance", (features, features))
     _check_covariance(covariance)
@@ -419,18 +425,18 @@ def _from_content(content: object) -> RecognitionModel:
         blur,
         certainty,
         sized=sized,
-        framed=framed,
+        with_invariants=with_invariants,
     )
 
 
 def _switches(content: Mapping[str, object]) -> tuple[bool, bool]:
-    sized, framed = content.get("sized"), content.get("framed")
-    if not (isinstance(sized, bool) and isinstance(framed, bool)):
+    sized, with_invariants = content.get("sized"), content.get("invariants")
+    if not (isinstance(sized, bool) and isinstance(with_invariants, bool)):
         raise ModelFormatError(
-            f'Expected true or false in "sized" and "framed", got {_described(sized)} and '
-            f"{_described(framed)}"
+            f'Expected true or false in "sized" and "invariants", got {_described(sized)} and '
+            f"{_described(with_invariants)}"
         )
-    return sized, framed
+    return sized, with_invariants
 
 
 def _labels(value: object) -> tuple[str, ...]:
@@ -540,9 +546,9 @@ def _check_training(count: int, names: Sequence[str], max_features: int, order: 
         raise ValueError(f"Expected two classes or more with two instances or more, got {found}")
 
 
-def _common(shape: CanonicalShape, *, sized: bool, framed: bool) -> NDArray[np.float64]:
+def _common(shape: CanonicalShape, *, sized: bool, with_invariants: bool) -> NDArray[np.float64]:
     """Return the features of a shape that are the same in all its frames."""
-    numbers = np.empty(0) if framed else invariants(shape)
+    numbers = invariants(shape) if with_invariants else np.empty(0)
     return np.append(numbers, log_size(shape)) if sized else numbers
 
 

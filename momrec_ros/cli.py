@@ -87,6 +87,7 @@ RigPath = Annotated[
 ImageSize = Annotated[str, _option(parameters.IMAGE_SIZE)]
 Upright = Annotated[bool, _option(parameters.UPRIGHT)]
 Sized = Annotated[bool, _option(parameters.SIZED)]
+Invariants = Annotated[bool, _option(parameters.INVARIANTS)]
 Unit = Annotated[float, _option(parameters.UNIT)]
 Splits = Annotated[int, _option(parameters.SPLITS)]
 
@@ -218,6 +219,7 @@ def train(
     upright: Upright = parameters.UPRIGHT.default,
     image_size: ImageSize = parameters.IMAGE_SIZE.default,
     size: Sized = parameters.SIZED.default,
+    invariants: Invariants = parameters.INVARIANTS.default,
     unit: Unit = parameters.UNIT.default,
     figures: Annotated[
         Path | None, typer.Option(help="New folder for a picture of classes that are alike.")
@@ -241,6 +243,7 @@ def train(
         max_features=max_features,
         order=order,
         sized=size,
+        with_invariants=invariants,
         scene=Scene(rig, upright, image_size, unit),
         seed=seed,
         workers=workers,

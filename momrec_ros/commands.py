@@ -145,6 +145,7 @@ class Course:
     max_features: int
     order: int
     sized: bool
+    with_invariants: bool
     scene: Scene
     seed: int
     workers: int
@@ -392,6 +393,7 @@ def run_train(paths: Sequence[Path], output: Path, figures: Path | None, course:
         max_features=course.max_features,
         order=course.order,
         sized=course.sized,
+        with_invariants=course.with_invariants,
     )
     model = fit(shapes, labels)
     held_back = held_back_recognitions(fit, shapes, labels)

@@ -12,6 +12,7 @@ __all__ = [
     "IMAGE_SIZE",
     "INPUT_RELIABILITY",
     "INSTANCES",
+    "INVARIANTS",
     "MARGIN",
     "MASK_QUEUE_DEPTH",
     "MAX_BAD_VIEWS",
@@ -298,6 +299,11 @@ UPRIGHT = Parameter(
 )
 SIZED = Parameter(
     "size", False, "Tell classes apart by size as well; objects keep the size of their files."
+)
+INVARIANTS = Parameter(
+    "invariants",
+    False,
+    "Look at what no frame changes as well: for many classes, round or nested ones.",
 )
 UNIT = Parameter(
     "unit", 1.0, "Metres of a unit of the mesh files: 0.001 for millimetres.", 1e-9, 1e9

@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from momrec_core import normalize, surface_moments
-from momrec_core.features import feature_vectors, moment_indices
+from momrec_core.features import (
+    INVARIANTS,
+    feature_vectors,
+    invariants,
+    log_size,
+    moment_indices,
+)
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -89,3 +95,30 @@ def test_features_are_taken_in_the_order_asked_for() -> None:
     indices = [(0, 0, 3), (2, 0, 0), (1, 2, 2)]
     vector = feature_vectors(shape, indices)[0]
     np.testing.assert_allclose(vector, [shape.moments[index] for index in indices], rtol=1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds, scale=st.floats(0.01, 100.0))
+def test_invariants_are_the_same_however_a_shape_lies_and_size_is_its_own(
+    seed: int, scale: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    mesh = random_hull(rng)
+    moved = mesh.copy()
+    moved.vertices = scale * Rotation.random(rng=rng).apply(mesh.vertices) + rng.normal(size=3)
+    mirrored = trimesh.Trimesh(mesh.vertices * [1, 1, -1], mesh.faces)
+    expected = invariants(normalize(mesh))
+    assert expected.shape == (INVARIANTS,)
+    for other in (normalize(moved), normalize(moved, area=3.0), normalize(mirrored)):
+        np.testing.assert_allclose(invariants(other), expected, rtol=1e-6, atol=1e-9)
+    grown = log_size(normalize(moved)) - log_size(normalize(mesh))
+    assert grown == pytest.approx(np.log(scale), abs=1e-9)
+    assert log_size(normalize(mesh)) == pytest.approx(np.log(np.sqrt(mesh.area / 100.0)))
+
+
+def test_invariants_of_a_sphere_are_those_of_its_closed_form() -> None:
+    found = invariants(normalize(trimesh.creation.icosphere(subdivisions=5)))
+    # Radius 1: the mean of x^2 is 1/3, of x^4 1/5, of x^2 y^2 1/15; odd powers vanish.
+    fourth = np.sqrt(3 * (1 / 5) ** 2 + 18 * (1 / 15) ** 2)
+    expected = [-np.log(4 * np.pi), 0, 1 / 27, 0, 0, 1, 0, fourth, 0, 0, 0]
+    np.testing.assert_allclose(found, expected, atol=2e-3)

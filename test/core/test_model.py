@@ -285,6 +285,53 @@ def test_two_instances_of_two_classes_are_enough_to_rank(
         assert model.recognize(objects[label]).ranking[0][0] == label
 
 
+def cups(rng: np.random.Generator, scale: float) -> trimesh.Trimesh:
+    """Return a mug of a true size with disturbed vertices, somewhere."""
+    mesh = trimesh.creation.annulus(0.03, 0.04, 0.09)
+    vertices = mesh.vertices * scale + rng.normal(size=mesh.vertices.shape) * 3e-4 * scale
+    return trimesh.Trimesh(Rotation.random(rng=rng).apply(vertices) + 1.0, mesh.faces)
+
+
+@pytest.mark.parametrize("with_invariants", [False, True])
+def test_size_tells_a_small_copy_from_a_large_one_and_shape_does_not(
+    tmp_path: Path,
+    with_invariants: bool,
+) -> None:
+    rng = np.random.default_rng(31)
+    scales = {"cup": 1.0, "mug": 1.25}
+    labels = [label for label in scales for _ in range(8)]
+    shapes = [cups(rng, scales[label]) for label in labels]
+    labels += ["box"] * 8
+    shapes += [trimesh.creation.box(rng.uniform(0.99, 1.01, 3)) for _ in range(8)]
+    for sized in (True, False):
+        model = RecognitionModel.fit(shapes, labels, sized=sized, with_invariants=with_invariants)
+        model.save(tmp_path / f"{sized}.json")
+        loaded = load_model(tmp_path / f"{sized}.json")
+        asked = [label for label in scales for _ in range(10)]
+        found = [loaded.recognize(cups(rng, scales[label])) for label in asked]
+        right = np.mean(
+            [seen.ranking[0][0] == label for seen, label in zip(found, asked, strict=True)]
+        )
+        giant = loaded.recognize(cups(rng, 20.0))
+        if sized:
+            assert right == 1.0
+            assert giant.label == "unknown"
+        else:
+            assert right < 0.9
+            assert giant.label in scales
+
+
+def test_a_class_learned_later_has_its_size() -> None:
+    rng = np.random.default_rng(32)
+    labels = ["cup"] * 6 + ["box"] * 6
+    shapes = [cups(rng, 1.0) for _ in range(6)]
+    shapes += [trimesh.creation.box(rng.uniform(0.99, 1.01, 3)) for _ in range(6)]
+    model = RecognitionModel.fit(shapes, labels, sized=True, with_invariants=True)
+    learned = model.with_class("mug", [cups(rng, 1.4) for _ in range(4)])
+    assert learned.recognize(cups(rng, 1.4)).label == "mug"
+    assert learned.recognize(cups(rng, 1.0)).label == "cup"
+
+
 def test_recognition_does_not_depend_on_the_canonical_area(
     model: RecognitionModel, objects: dict[str, trimesh.Trimesh]
 ) -> None:
@@ -318,7 +365,12 @@ def test_a_model_that_cannot_be_written_leaves_nothing_behind(
 
 DAMAGES = {
     "another format": {"format": "something else"},
-    "a later version": {"version": 3},
+    "a later version": {"version": 4},
+    "no word on size": {"version": 3, "invariants": False},
+    "no word on invariants": {"version": 3, "sized": False},
+    "a number for size": {"version": 3, "invariants": False, "sized": 1},
+    "size without its mean": {"version": 3, "invariants": False, "sized": True},
+    "invariants without their means": {"version": 3, "invariants": True, "sized": False},
     "no version": {"version": None},
     "classes that are no list": {"classes": "ab"},
     "classes twice": {"classes": ["a", "a"]},

@@ -19,7 +19,7 @@ from PIL import Image
 
 from momrec_core.hull import reconstruct
 from momrec_core.model import load_model
-from momrec_core.simulation import simulate_views
+from momrec_core.simulation import look_at, random_directions, simulate_views
 from momrec_core.view import View
 from momrec_ros.bag import StampedView, read_bag
 from momrec_ros.bag_writer import BagWriter
@@ -406,6 +406,60 @@ def test_a_folder_without_meshes_is_an_error(momrec, tmp_path):
     ended = momrec("train", tmp_path, "--output", tmp_path / "model.json")
     assert ended.code == 1
     assert "Expected meshes" in ended.err
+
+
+def write_rig(path):
+    """Write a camera file of eight pinholes without masks."""
+    rng = np.random.default_rng(6)
+    K = np.array([[220.0, 0, 79.5], [0, 220.0, 59.5], [0, 0, 1]])
+    views = []
+    for direction in random_directions(8, rng):
+        pose = look_at(np.array([0.1, 0.2, 0.3]), direction, 8.0, rng.uniform(0, 6))
+        P = K @ np.linalg.inv(pose)[:3]
+        views.append({"P": P.tolist(), "width": 160, "height": 120})
+    path.write_text(json.dumps({"views": views}))
+
+
+def test_classes_of_one_shape_are_told_apart_by_size_as_the_rig_would_see_them(momrec, tmp_path):
+    meshes, rig, model = tmp_path / "meshes", tmp_path / "rig.json", tmp_path / "model.json"
+    meshes.mkdir()
+    castle = trimesh.load(MESHES / "ten_objects" / "castle.ply")
+    castle.apply_scale(1.0 / castle.extents.max())
+    for name, scale in (("small", 1000.0), ("large", 1500.0)):  # millimetres
+        castle.copy().apply_scale(scale).export(meshes / f"{name}.stl")
+    (meshes / "broken.ply").write_bytes(b"ply\n\xff")
+    write_rig(rig)
+    arguments = ("train", meshes, "--rig", rig, "--unit", 0.001, "--workers", 1)
+    ended = momrec(
+        *(*arguments, "--output", model, "--size", "--upright", "--slices", 16),
+        *("--instances", 6, "--max-features", 3, "--figures", tmp_path / "figures"),
+    )
+    assert ended.code == 3, ended.err
+    (lost,) = [line for line in ended.err.splitlines() if line.startswith("lost")]
+    assert lost.startswith(f"lost: {meshes / 'broken.ply'}: Expected a mesh, got a damaged file")
+    known = load_model(model)
+    assert known.sized
+    assert known.classes == ("large", "small")
+    assert "most like" in ended.out
+    with Image.open(tmp_path / "figures" / "confusions.png") as image:
+        assert image.format == "PNG"
+    for label, scale in (("small", 1.0), ("large", 1.5)):
+        seen = castle.copy().apply_scale(scale)
+        assert known.recognize(seen).ranking[0][0] == label
+
+
+def test_a_rig_recorded_in_a_bag_and_given_pixels_train_a_model(momrec, shop, tmp_path):
+    meshes = [MESHES / "ten_objects" / f"{name}.ply" for name in OBJECTS]
+    for number, options in enumerate(
+        (["--rig", shop / "bag", "--image-size", "160x120"], ["--image-size", "160x120"])
+    ):
+        model = tmp_path / f"{number}.json"
+        ended = momrec("train", *meshes, "--output", model, *options, "--invariants", *QUICK)
+        assert ended.code == 0, ended.err
+        assert load_model(model).with_invariants
+    ended = momrec("train", *meshes, "--output", tmp_path / "no.json", "--image-size", "160")
+    assert ended.code == 1
+    assert "as in 640x480" in ended.err
 
 
 # --- learn ----------------------------------------------------------------------------------
