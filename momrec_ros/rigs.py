@@ -106,7 +106,8 @@ def read_rig(path: Path, image_size: tuple[int, int] | None = None) -> Rig:
         not needed; or a recorded bag, whose first object tells the cameras.
     image_size : tuple of int, or None
         Width and height of masks, pixels, where the source does not tell them. A bag of contours
-        tells no pixels; its images are taken to be just large enough for the recorded contours.
+        tells no pixels; its images are taken to be just large enough for the recorded contours. A
+        bag of masks does; unless told otherwise, its principal points are taken for the middles.
 
     Returns
     -------
@@ -141,11 +142,26 @@ def _recorded(bag: Path, image_size: tuple[int, int] | None) -> list[Imager]:
         if isinstance(event, StampedView) and first in (None, event.object_id):
             first = event.object_id
             views.append(event.view)
-    if image_size is None:
-        return [Imager(view.camera) for view in views]
-    reach = max((_reach(view) for view in views), default=1.0)
-    fits = _fitted(image_size, reach)
-    return [Imager(view.camera, image_size, fits) for view in views]
+    reach = max((_reach(view) for view in views if not _has_pixels(view.camera)), default=1.0)
+    return [_imager_of(view, image_size, reach) for view in views]
+
+
+def _imager_of(view: View, size: tuple[int, int] | None, reach: float) -> Imager:
+    """Return the camera of a recorded view; reach: of all contours without pixels."""
+    if _has_pixels(view.camera):
+        return Imager(view.camera, size or _likely_size(view))
+    return Imager(view.camera) if size is None else Imager(view.camera, size, _fitted(size, reach))
+
+
+def _has_pixels(camera: Camera) -> bool:
+    return camera.K is not None and not np.array_equal(camera.K, np.eye(3))
+
+
+def _likely_size(view: View) -> tuple[int, int]:
+    """Return the size of an image about the principal point that holds what was seen."""
+    middle = np.zeros(2) if view.camera.K is None else view.camera.K[:2, 2]
+    width, height = np.maximum(2 * middle, view.silhouette.bounds[2:]).round().astype(int) + 1
+    return max(1, int(width)), max(1, int(height))
 
 
 def _reach(view: View) -> float:

@@ -12,7 +12,15 @@ from momrec_core.simulation import look_at, random_directions, simulate_views
 from momrec_ros.bag_writer import BagWriter
 from momrec_ros.cameras_json import CamerasError
 from momrec_ros.messages import StampedView
-from momrec_ros.rigs import Imager, fitted_imager, image_size, placed, read_rig, views_by
+from momrec_ros.rigs import (
+    Imager,
+    _imager_of,
+    fitted_imager,
+    image_size,
+    placed,
+    read_rig,
+    views_by,
+)
 
 K = np.array([[900.0, 2.0, 330.0], [0.0, 880.0, 230.0], [0.0, 0.0, 1.0]])
 SIZE = (640, 480)
@@ -119,6 +127,18 @@ def test_a_recorded_bag_tells_the_cameras_of_its_first_object(tmp_path, kind):
         low, high = np.reshape(view.silhouette.bounds, (2, 2))
         size = fine_size(view.camera, mesh)
         np.testing.assert_allclose(high - low, size, atol=0.03 * max(size))
+
+
+def test_a_bag_of_masks_tells_the_pixels_of_its_cameras():
+    mesh = trimesh.creation.box((0.2, 0.3, 0.4)).apply_translation(TARGET)
+    scene = [Imager(Camera.pinhole(pose, K), SIZE) for pose in poses()]
+    views = list(views_by(scene, mesh, np.random.default_rng(0)))
+    for size, expected in ((None, (661, 461)), (SIZE, SIZE)):
+        imagers = [_imager_of(view, size, 1.0) for view in views]
+        assert {imager.size for imager in imagers} == {expected}
+        again = views_by(imagers, mesh, np.random.default_rng(0))
+        for one, other in zip(again, views, strict=True):
+            assert one.silhouette.equals(other.silhouette)
 
 
 def fine_size(camera, mesh):
