@@ -118,6 +118,10 @@ class VisualHull:
         duplicate.views = self.views.copy()
         return duplicate
 
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what is made ready again at need: other processes take no functions."""
+        return self.__dict__ | {"_prepared": None}
+
     @property
     def ready(self) -> bool:
         """Whether two views with different viewing directions have come, whichever are spared."""
