@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import trimesh
@@ -58,6 +58,8 @@ TURN_SHARE = 0.3  # of the hull's extent along the normal: when planes along ano
 REFIT_SHARE = 0.9  # the same where the planes have to be laid anew anyway
 WEIGHED_STEP = 8  # planes: every so many tell the hull's extents well enough
 FEWEST_TO_TURN = 3  # views: two slice along their common line
+SETTLED = ("_family", "_pair", "_levels", "_prepared", "_is_turned")  # what settling changes
+SETTLED_AT = frozenset(4**power for power in range(1, 16))  # views: seldom, as it costs like all
 MAX_SPARE = 8  # silhouettes to spare: each costs as much as the hull itself
 
 
@@ -67,9 +69,10 @@ class VisualHull:
     The first two views whose viewing directions differ give the planes' normal, the common line
     of their image planes. The planes are equidistant and fill the extent that the views leave;
     when later views leave much less of it (pinhole cameras), the planes are laid anew. When the
-    hull is first asked for, and when the views have doubled since, the common lines of all views
-    and their directions are weighed: planes lie the denser, the shorter the hull is along their
-    normal, and the planes are turned where it is much shorter than along the present one.
+    hull is asked for, the common lines of all views and their directions are weighed: planes lie
+    the denser, the shorter the hull is along their normal, and the planes are turned where it is
+    much shorter than along the present one. What comes of the views depends on them and their
+    order alone, not on when it is asked for.
 
     Parameters
     ----------
@@ -110,7 +113,8 @@ class VisualHull:
         self._family: PlaneFamily | None = None
         self._prepared: Intersection | None = None
         self._levels: Levels = []
-        self._weighed = 0
+        self._is_turned = False
+        self._gathering: dict[str, Any] | None = None  # the state to go on gathering with
 
     def __copy__(self) -> Self:
         duplicate = type(self)(self._count, spare=self.spare)
@@ -145,6 +149,7 @@ class VisualHull:
         """
         if not isinstance(view, View):
             raise InvalidContourError(f"Expected a View, got {type(view).__name__}")
+        self._resume()
         if self._family is None:
             self.views.append(view)
             self._begin()
@@ -159,6 +164,8 @@ class VisualHull:
         self.views.append(view)
         self._levels = clip_levels(self._levels, self._prepared.volumes[0], family.offsets)
         self._after_clipping(before)
+        if len(self.views) in SETTLED_AT:
+            self._settle()
 
     @property
     def _sections(self) -> list[CrossSection]:
@@ -280,25 +287,35 @@ class VisualHull:
             high, high_inside = _narrow(high, high_inside, from_high, found[SEARCH_PLANES:])
         return low, high
 
-    def _settle(self) -> PlaneFamily:
-        """Return the planes, turned or laid anew where that makes them denser on the hull."""
+    def _settled(self) -> PlaneFamily:
+        """Return the planes as they suit the hull best, until the next view comes."""
         self._require_family()
-        if self.emptied_by is None:
-            occupied = _occupied(self._sections)
-            unused = self._count - (occupied[-1] - occupied[0] + 1)
-            is_due = bool(unused > EMPTY_SHARE * self._count)
-            if not self._turn(REFIT_SHARE if is_due else TURN_SHARE) and is_due:
-                self._fit()
+        if self._gathering is None:
+            self._gathering = {name: getattr(self, name) for name in SETTLED}
+            self._settle()
         return self._require_family()
 
-    def _turn(self, share: float) -> bool:
-        """Turn the planes if the hull's extent along another normal is less than a share.
+    def _resume(self) -> None:
+        """Go back to the planes that views are gathered with, asked for or not."""
+        if self._gathering is not None:
+            self.__dict__.update(self._gathering)
+            self._gathering = None
 
-        Directions are weighed only when there are twice as many views as the last time.
-        """
-        if len(self.views) < max(2 * self._weighed, FEWEST_TO_TURN):
+    def _settle(self) -> None:
+        """Turn the planes, or lay them anew, where that makes them denser on the hull."""
+        if self.emptied_by is not None:
+            return
+        occupied = _occupied(self._sections)
+        unused = self._count - (occupied[-1] - occupied[0] + 1)
+        is_due = bool(unused > EMPTY_SHARE * self._count)
+        share = REFIT_SHARE if is_due or self._is_turned else TURN_SHARE
+        if not self._turn(share) and is_due:
+            self._fit()
+
+    def _turn(self, share: float) -> bool:
+        """Turn the planes if the hull's extent along another normal is less than a share."""
+        if len(self.views) < FEWEST_TO_TURN:
             return False
-        self._weighed = len(self.views)
         points = self._outlines(WEIGHED_STEP)
         normals, pairs = directions_to_slice(self.views)
         extents = np.ptp(points @ normals.T, axis=0)
@@ -307,6 +324,7 @@ class VisualHull:
         if extents[best] > share * present:
             return False
         self._turn_to(normals[best], None if self.spare else pairs[best])
+        self._is_turned = True
         return True
 
     def _outlines(self, step: int = 1) -> NDArray[np.float64]:
@@ -353,7 +371,7 @@ class VisualHull:
     @property
     def plane_frame(self) -> NDArray[np.float64]:
         """Pose of the planes' frame in the world, z along their normal, metres; shape (4, 4)."""
-        return self._settle().frame.copy()
+        return self._settled().frame.copy()
 
     @property
     def offsets(self) -> NDArray[np.float64]:
@@ -362,14 +380,14 @@ class VisualHull:
         They are the centres of equal slabs that fill the hull's extent, so that the sum of the
         sections' areas times the spacing is the volume (midpoint rule).
         """
-        family = self._settle()
+        family = self._settled()
         return family.offsets * family.unit
 
     @property
     def sections(self) -> list[MultiPolygon]:
         """Cross-section with each plane, in the planes' frame's x and y, metres."""
-        family = self._settle()
-        return [region_of_section(section, family.unit) for section in self._sections]
+        unit = self._settled().unit
+        return [region_of_section(section, unit) for section in self._sections]
 
     def mesh(self) -> trimesh.Trimesh:
         """Join the slices into a closed surface.
@@ -388,7 +406,7 @@ class VisualHull:
         DegenerateShapeError
             If the hull is too thin and slanted for its number of slices.
         """
-        family = self._settle()
+        family = self._settled()
         if self.emptied_by is not None:
             raise EmptyHullError(
                 "Expected viewing volumes with a point in common, but view "

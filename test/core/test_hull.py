@@ -448,6 +448,21 @@ def test_planes_turn_to_where_the_hull_is_short():
     assert np.abs(compare(hull, views)).max() < 5e-3
 
 
+@pytest.mark.parametrize("height", [0.0, 0.6])
+def test_the_hull_does_not_depend_on_when_it_was_asked_for(height):
+    mesh = random_solid(np.random.default_rng(4))
+    views = ring_of_cameras(mesh, 9, height)
+    asked = VisualHull(24)
+    for view in views:
+        asked.add(view)
+        if asked.ready:
+            asked.mesh()
+    once = reconstruct(views, 24)
+    assert np.array_equal(asked.plane_frame, once.plane_frame)
+    assert np.array_equal(asked.offsets, once.offsets)
+    assert np.array_equal(asked.mesh().vertices, once.mesh().vertices)
+
+
 def test_volume_and_area_do_not_depend_on_the_order_of_pinholes():
     for seed in range(2):
         rng = np.random.default_rng(seed)
