@@ -124,7 +124,9 @@ class VisualHull:
 
     def __getstate__(self) -> dict[str, object]:
         """Leave out what is made ready again at need: other processes take no functions."""
-        return self.__dict__ | {"_prepared": None}
+        unprepared = {"_prepared": None}
+        gathering = None if self._gathering is None else self._gathering | unprepared
+        return self.__dict__ | unprepared | {"_gathering": gathering}
 
     @property
     def ready(self) -> bool:
