@@ -16,7 +16,8 @@ from momrec_core.view import View
 
 __all__ = ["silhouette_of_mesh", "silhouettes_of_mesh"]
 
-ROUNDING_AREA = 1e-9  # of the squared extent: rings below are rounding, and may cross themselves
+# Of the extent: rings of less area, or narrower, are rounding, and may cross themselves.
+ROUNDING_AREA, ROUNDING_WIDTH = 1e-9, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +156,12 @@ def _outline(surface: _Surface, points: NDArray[np.float64]) -> list[NDArray[np.
     loops = [points[loop] for loop in _closed_walks(*np.repeat(ends, times, axis=0).T)]
     union = manifold3d.CrossSection(loops, manifold3d.FillRule.Positive)
     rings = [np.asarray(ring) for ring in union.to_polygons()]
-    return [ring for ring in rings if abs(_signed_area(ring)) > ROUNDING_AREA]
+    return [ring for ring in rings if not _is_rounding(ring)]
+
+
+def _is_rounding(ring: NDArray[np.float64]) -> bool:
+    length = float(np.hypot(*(ring - np.roll(ring, 1, axis=0)).T).sum())
+    return abs(_signed_area(ring)) < max(ROUNDING_AREA, ROUNDING_WIDTH * length / 2)
 
 
 def _signed_area(ring: NDArray[np.float64]) -> float:

@@ -94,3 +94,25 @@ def test_several_cameras_see_what_each_sees_alone():
     for one, other in zip(seen, alone, strict=True):
         assert one.silhouette.equals(other.silhouette)
         np.testing.assert_array_equal(one.camera.pose, other.camera.pose)
+
+
+@pytest.mark.parametrize("seed", [430, *range(20)])
+def test_a_seam_open_by_rounding_leaves_no_ring_that_crosses_itself(seed):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(8, 40))
+    along = np.sort(rng.random(count))
+    along[[0, -1]] = 0.0, 1.0
+    seam = np.array([0.3, 0.2]) + np.outer(along, rng.uniform(-0.5, 0.5, 2))
+    gap = 10.0 ** rng.uniform(-9, -7)
+    left, right = (seam + rng.normal(size=(count, 2)) * gap for _ in range(2))
+    fans = np.vstack([left, [[-1.0, -1.0]], right, [[1.0, 1.3]]])
+    first = np.arange(count - 1)
+    faces = np.vstack(
+        [
+            np.column_stack([start + first, start + first + 1, np.full(count - 1, start + count)])
+            for start in (0, count + 1)
+        ]
+    )
+    mesh = trimesh.Trimesh(np.column_stack([fans, np.zeros(len(fans))]), faces, process=False)
+    camera = Camera.orthographic(np.eye(4))
+    assert_the_same(silhouette_of_mesh(mesh, camera).silhouette, union_of_faces(mesh, camera))
