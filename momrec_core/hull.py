@@ -56,7 +56,7 @@ END_MARGIN = 0.03  # of the extent along a new normal, beyond which the hull end
 WIDENINGS = 8  # doublings of that, at most
 TURN_SHARE = 0.3  # of the hull's extent along the normal: when planes along another line pay
 REFIT_SHARE = 0.9  # the same where the planes have to be laid anew anyway
-WEIGHED_STEP = 8  # planes: every so many tell the hull's extents well enough
+WEIGHED_PLANES = 9  # evenly chosen ones tell the hull's extents well enough
 FEWEST_TO_TURN = 3  # views: two slice along their common line
 SETTLED = ("_family", "_pair", "_levels", "_prepared", "_is_turned")  # what settling changes
 SETTLED_AT = frozenset(4**power for power in range(1, 16))  # views: seldom, as it costs like all
@@ -318,7 +318,7 @@ class VisualHull:
         """Turn the planes if the hull's extent along another normal is less than a share."""
         if len(self.views) < FEWEST_TO_TURN:
             return False
-        points = self._outlines(WEIGHED_STEP)
+        points = self._outlines(WEIGHED_PLANES)
         normals, pairs = directions_to_slice(self.views)
         extents = np.ptp(points @ normals.T, axis=0)
         best = int(np.argmin(extents))
@@ -329,17 +329,18 @@ class VisualHull:
         self._is_turned = True
         return True
 
-    def _outlines(self, step: int = 1) -> NDArray[np.float64]:
-        """Return corners of every so many sections' convex hulls in the world, shape (n, 3)."""
+    def _outlines(self, most: int) -> NDArray[np.float64]:
+        """Return corners of so many sections' convex hulls in the world, shape (n, 3)."""
         family = self._require_family()
-        chosen = _occupied(self._sections)[::step]
+        occupied = _occupied(self._sections)
+        chosen = occupied[np.linspace(0, len(occupied) - 1, min(most, len(occupied))).astype(int)]
         outlines = [self._sections[index].hull().to_polygons()[0] for index in chosen]
         heights = np.repeat(family.offsets[chosen], [len(outline) for outline in outlines])
         return family.to_world(np.column_stack([np.concatenate(outlines), heights]))
 
     def _turn_to(self, normal: NDArray[np.float64], pair: tuple[int, int] | None) -> None:
         """Lay the planes perpendicular to another normal, the common line of a pair or not."""
-        points = self._outlines()
+        points = self._outlines(self._count)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         reach = (1 + MARGIN) * float(np.linalg.norm(points - middle, axis=1).max())
         self._family = PlaneFamily.through_sphere(middle, reach, normal, self._count)

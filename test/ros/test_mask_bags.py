@@ -85,10 +85,10 @@ def test_replaying_a_folders_mask_bag_is_reconstructing_the_folder(momrec, tmp_p
     result = json.loads(ended.out)
     assert (result["views"], result["rejected_views"], result["object"]) == (6, 0, "")
     expected = trimesh.load(mesh)  # of float32, vertices merged
-    assert result["volume"] == pytest.approx(expected.volume, rel=1e-4)
-    assert result["area"] == pytest.approx(expected.area, rel=3e-4)
+    assert result["volume"] == pytest.approx(expected.volume, rel=1e-6)
+    assert result["area"] == pytest.approx(expected.area, rel=1e-6)
     views = [view.view for view in read_cameras_json(folder, tolerance=0.8, margin=0.4).views]
-    assert result["volume"] == pytest.approx(reconstruct(views, 20).mesh().volume, rel=1e-3)
+    assert result["volume"] == pytest.approx(reconstruct(views, 20).mesh().volume, rel=1e-7)
     others = json.loads(momrec("replay", bag, "--json", "--slices", "20", "--margin", "3").out)
     assert others["volume"] > 1.01 * result["volume"]
 
