@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from momrec_core.camera import Camera
 from momrec_core.rings import Rings, number_within
+from momrec_core.scanning import scan_spans
 from momrec_core.view import View
 
 __all__ = [
@@ -403,7 +404,9 @@ def _intersected_pair(
     from_spans = np.linalg.inv(np.array([raster.across for raster in rasters]))
 
     def cut_prisms(offsets: NDArray[np.float64]) -> Levels:
-        (spans1, counts1), (spans2, counts2) = (raster.spans(offsets) for raster in rasters)
+        (spans1, counts1), (spans2, counts2) = (
+            scan_spans(raster.starts, raster.ends, offsets) for raster in rasters
+        )
         planes, numbers = number_within(counts1 * counts2)
         one, other = np.divmod(numbers, counts2[planes])
         low1, high1 = spans1[(np.cumsum(counts1) - counts1)[planes] + one].T
@@ -450,25 +453,6 @@ class _Raster:
         starts = np.column_stack([corners[:, :2] @ across, corners[:, 2]])
         rings = Rings(starts, np.cumsum([0, *(len(ring) for ring in view.rings)]))
         return cls(across, starts, starts[rings.following])
-
-    def spans(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the scan-line segments at offsets.
-
-        Returns
-        -------
-        spans : array, shape (m, 2)
-            Plane by plane, as intervals of the coordinate along `across`.
-        counts : array of int, shape (planes,)
-            How many each plane has.
-        """
-        first, last = self.starts[:, 1], self.ends[:, 1]
-        planes, edges = np.nonzero((first <= offsets[:, None]) != (last <= offsets[:, None]))
-        start, end = self.starts[edges], self.ends[edges]
-        fraction = (offsets[planes] - start[:, 1]) / (end[:, 1] - start[:, 1])
-        positions = start[:, 0] + fraction * (end[:, 0] - start[:, 0])
-        order = np.lexsort([positions, planes])
-        counts = np.bincount(planes, minlength=len(offsets)) // 2
-        return positions[order].reshape(-1, 2), counts
 
 
 def clip_levels(levels: Levels, volume: ViewingVolume, offsets: NDArray[np.float64]) -> Levels:
@@ -518,7 +502,7 @@ def _strips(view: View, family: PlaneFamily) -> ViewingVolume:
     along = 2 * RADIUS * np.array([-raster.across[1], raster.across[0]])  # beyond the region
 
     def volume(offsets: NDArray[np.float64]) -> Footprint:
-        spans, counts = raster.spans(offsets)
+        spans, counts = scan_spans(raster.starts, raster.ends, offsets)
         low, high = spans.T[:, :, None] * raster.across
         corners = np.stack([low - along, high - along, high + along, low + along], axis=1)
         return _sections(corners, counts, manifold3d.FillRule.NonZero).__getitem__

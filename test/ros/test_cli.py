@@ -9,7 +9,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +22,6 @@ from momrec_core.simulation import look_at, random_directions, simulate_views
 from momrec_core.view import View
 from momrec_ros.bag import StampedView, read_bag
 from momrec_ros.bag_writer import BagWriter
-from momrec_ros.cli import main
 from momrec_ros.commands import run_simulate
 from momrec_ros.demo_folder import replaced_folder
 from momrec_ros.training import reconstructed_instances
@@ -51,21 +49,6 @@ KEYS = [
     "coverage_mean",
     "coverage_worst",
 ]
-
-
-@pytest.fixture
-def momrec(monkeypatch, capsys):
-    """Return a function that runs `momrec` in this process: exit code, stdout, stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["momrec", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return SimpleNamespace(code=ended.value.code or 0, out=out, err=err)
-
-    return run
 
 
 @pytest.fixture(scope="module")

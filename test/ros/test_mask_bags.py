@@ -1,8 +1,6 @@
 """Masks in bags: folders as bags, several cameras, transforms; against the folder itself."""
 
 import json
-import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from rosbags.highlevel import AnyReader
 from momrec_core import reconstruct
 from momrec_ros.bag import BagError, Rejected, read_bag
 from momrec_ros.cameras_json import CamerasError, read_cameras_json, read_mask
-from momrec_ros.cli import main
 from momrec_ros.definitions import message_definition
 from momrec_ros.mask_messages import MaskRules
 
@@ -28,21 +25,6 @@ KINDS = {
 }
 MIRRORED = ((-420.0, 6.0, 158.0), (0.0, 410.0, 121.0), (0.0, 0.0, 1.0))
 OPTIONS = ("--slices", "20", "--tolerance", "0.8", "--margin", "0.4")
-
-
-@pytest.fixture
-def momrec(monkeypatch, capsys):
-    """Return a function that runs `momrec` in this process: exit code, stdout, stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["momrec", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return SimpleNamespace(code=ended.value.code or 0, out=out, err=err)
-
-    return run
 
 
 def write_folder(folder, intrinsics=MIRRORED, count=6, change=lambda P: P):
