@@ -19,7 +19,6 @@ from momrec_core.view import View
 
 __all__ = ["Sightlines"]
 
-TOLERANCE = 0.004  # of a silhouette's diagonal: noise and calibration, no contradiction
 SIMPLIFICATION = 0.25  # of the tolerance: what may be given up for outlines of few edges
 PARALLEL = 1e-9  # sine: a ray that a camera sees as a point
 
@@ -35,6 +34,8 @@ class Sightlines:
         The views whose outlines are looked at.
     count : int
         Rays of each.
+    tolerance : float
+        By which every silhouette is widened, relative to the diagonal of its bounds.
 
     Attributes
     ----------
@@ -44,12 +45,17 @@ class Sightlines:
         The view that each ray belongs to.
     """
 
-    def __init__(self, views: Sequence[View], owners: NDArray[np.int64], count: int) -> None:
+    def __init__(
+        self, views: Sequence[View], owners: NDArray[np.int64], count: int, tolerance: float
+    ) -> None:
         rays = _Rays.of(views, owners, count)
         self.count = count
         self.owners = rays.owners
         self._views = len(views)
-        cuts = [_intervals(rays, _Outline.of(view), index) for index, view in enumerate(views)]
+        cuts = [
+            _intervals(rays, _Outline.of(view, tolerance), index)
+            for index, view in enumerate(views)
+        ]
         self._intervals = _Intervals.joined(cuts)
         # Where the number of viewing volumes changes along the rays, ray by ray:
         places = np.concatenate([self._intervals.begins, self._intervals.ends])
@@ -111,7 +117,7 @@ def _between(begins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[
 
 @dataclass(frozen=True, eq=False)
 class _Outline:
-    """A silhouette with a tolerance, in coordinates of about unit size.
+    """A silhouette widened by a tolerance, in coordinates of about unit size.
 
     Attributes
     ----------
@@ -131,13 +137,13 @@ class _Outline:
     region: shapely.Geometry
 
     @classmethod
-    def of(cls, view: View) -> _Outline:
+    def of(cls, view: View, tolerance: float) -> _Outline:
         left, low, right, high = view.silhouette.bounds
         size = float(np.hypot(right - left, high - low))
         middle = np.array([left + right, low + high]) / 2
         unit = shapely.transform(view.silhouette, lambda points: (points - middle) / size)
-        simple = shapely.simplify(unit, SIMPLIFICATION * TOLERANCE)
-        region = shapely.buffer(simple, TOLERANCE, quad_segs=1)
+        simple = shapely.simplify(unit, SIMPLIFICATION * tolerance)
+        region = shapely.buffer(simple, tolerance, quad_segs=1)
         rings = [shapely.get_coordinates(ring) for ring in _rings(region)]
         points = np.concatenate(rings)
         to_unit = np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, size]]) / size

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from momrec_core import Camera, View, reconstruct
 from momrec_core.agreement import contradicting_views
-from momrec_core.simulation import simulate_instance, simulate_views
+from momrec_core.silhouette import silhouette_of_mesh
+from momrec_core.simulation import look_at, noisy_view, simulate_instance, simulate_views
 
 PROJECTIONS = ("orthographic", "central")
 
@@ -31,6 +32,19 @@ def views_of(count, seed, projection, noise=0.0):
             solid(), count, np.random.default_rng(seed), projection=projection, noise=noise
         )
     )
+
+
+def ring_views(count, noise):
+    """Return noisy views from a ring of pinholes, a little above the object."""
+    rng = np.random.default_rng(count)
+    intrinsics = np.array([[2000.0, 0.0, 500.0], [0.0, 2000.0, 500.0], [0.0, 0.0, 1.0]])
+    views = []
+    for angle in 2 * np.pi * np.arange(count) / count:
+        direction = np.array([np.cos(angle), np.sin(angle), 0.3]) / np.sqrt(1.09)
+        camera = Camera(look_at(solid().centroid, direction, 12.0, 0.0), intrinsics)
+        view = silhouette_of_mesh(solid(), camera)
+        views.append(noisy_view(view, noise, rng) if noise > 0 else view)
+    return views
 
 
 def turned(view, degrees, axis, about):
@@ -121,6 +135,16 @@ def test_noisy_views_that_agree_are_not_named(projection, noise, count):
     for mesh in (solid(), trimesh.creation.torus(1.0, 0.3)):
         instance = simulate_instance(mesh, count, rng, projection=projection, noise=noise)
         assert contradicting_views(instance.views, 10) == ()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("noise", [0.0, 0.001])
+def test_a_view_from_nearly_where_it_says_is_named_in_a_dense_ring(axis, noise):
+    """Five degrees off where the neighbours are ten away, seen with more noise or less."""
+    views = ring_views(36, noise)
+    assert contradicting_views(views, 10) == ()
+    views[8] = turned(views[8], 5.0, axis, solid().centroid)
+    assert contradicting_views(views, 10) == (8,)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

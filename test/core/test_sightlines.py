@@ -6,10 +6,11 @@ import shapely
 import trimesh
 
 from momrec_core import Camera, View
-from momrec_core.sightlines import TOLERANCE, Sightlines
+from momrec_core.sightlines import Sightlines
 from momrec_core.simulation import simulate_views
 
 SAMPLES = np.linspace(-6.0, 6.0, 2001)
+TOLERANCE = 0.004
 
 
 def rings(projection, seed):
@@ -64,7 +65,7 @@ def covers(view, points):
 def test_the_fewest_refusals_are_those_of_points_sampled_along_the_rays(projection, seed):
     views = rings(projection, seed)
     count = 24
-    lines = Sightlines(views, np.arange(len(views)), count)
+    lines = Sightlines(views, np.arange(len(views)), count, TOLERANCE)
     refused = lines.refusals(np.ones(len(views), dtype=bool))
     fewest = refused.sum(axis=1).reshape(len(views), count)
     for index, view in enumerate(views):
@@ -79,12 +80,12 @@ def test_the_fewest_refusals_are_those_of_points_sampled_along_the_rays(projecti
 def test_views_that_do_not_count_neither_refuse_nor_are_refused():
     views = rings("central", 0)
     used = np.array([True, True, False, True, True])
-    lines = Sightlines(views, np.arange(5), 20)
+    lines = Sightlines(views, np.arange(5), 20, TOLERANCE)
     refused = lines.refusals(used)
     assert not refused[:, 2].any()
     assert not refused[lines.owners == 2].any()
     kept = [view for view, counts in zip(views, used, strict=True) if counts]
-    alone = Sightlines(kept, np.arange(4), 20).refusals(np.ones(4, dtype=bool))
+    alone = Sightlines(kept, np.arange(4), 20, TOLERANCE).refusals(np.ones(4, dtype=bool))
     np.testing.assert_array_equal(refused[lines.owners != 2][:, used], alone)
 
 
@@ -94,6 +95,6 @@ def test_what_lies_behind_a_camera_is_refused():
     pose = views[0].camera.pose.copy()
     pose[:3, :3] = pose[:3, :3] @ np.diag([-1.0, 1.0, -1.0])
     away = View(Camera(pose, views[0].camera.K), views[0].silhouette)
-    lines = Sightlines([away, *views[1:]], np.arange(5), 10)
+    lines = Sightlines([away, *views[1:]], np.arange(5), 10, TOLERANCE)
     refused = lines.refusals(np.ones(5, dtype=bool))
     assert refused[lines.owners != 0, 0].mean() > 0.9
