@@ -10,7 +10,13 @@ from sklearn.feature_selection import SelectorMixin
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from momrec_core.covariance import SINGULAR, distances_from_means, whitening
+from momrec_core.covariance import (
+    SINGULAR,
+    distances_from_means,
+    distances_in_own_metrics,
+    drawn_covariance,
+    whitening,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -18,11 +24,11 @@ if TYPE_CHECKING:
 __all__ = ["MinimumDistanceClassifier", "StepwiseSelector"]
 
 
-METRICS = ("total", "within", "shrunk")
+METRICS = ("total", "within", "own")
 TOTAL_SHARE = 0.01  # of the metric within classes: more blurs, less trusts few instances too much
-# Of the variances, added to the shrunk metric: few instances tell how features vary, but hardly
-# how many of them do so together. Between a tenth and all of them, rates are the same.
-OWN_SHARE = 0.3
+# Of the variances, added to what classes with metrics of their own have in common: few instances
+# tell how features vary, but hardly how many of them do so together.
+DIAGONAL_SHARE = 0.1
 TRACE_SHARE = 1e-4  # of T in it: where instances are equal, this tells classes apart
 
 
@@ -146,19 +152,21 @@ def _blended(
     """Return the covariance within classes as a metric takes it, with a part of T."""
     if metric == "within":
         return (1.0 - TOTAL_SHARE) * within + TOTAL_SHARE * total
-    return within + OWN_SHARE * np.diag(np.diag(within)) + TRACE_SHARE * total
+    return within + DIAGONAL_SHARE * np.diag(np.diag(within)) + TRACE_SHARE * total
 
 
 class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # likewise
-    """Give each vector the class with the nearest mean in the metric of a covariance matrix.
+    """Give each vector the class with the nearest mean, by a covariance matrix or one per class.
 
     Parameters
     ----------
-    metric : {"total", "within", "shrunk"}, default "total"
+    metric : {"total", "within", "own"}, default "total"
         Which one: T, of all vectors about their common mean, as in the paper; or that of the
         vectors about their own class's mean, with a hundredth of T so that it tells classes
-        apart even where their instances are equal; or the latter drawn towards its diagonal, with
-        a trace of T only, for many features and classes that are much alike.
+        apart even where their instances are equal; or each class's own, as far as its few
+        instances tell it, for many features and classes of which some vary much more than others.
+        Distances are then in the spreads of each class: which class is wider does not count, as
+        it would for normal distributions, which instances that stray far do not have.
 
     Attributes
     ----------
@@ -167,7 +175,9 @@ class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):  # type: ignore
     means_ : array, shape (classes, features)
         Mean of each class.
     covariance_ : array, shape (features, features)
-        Of the metric.
+        Of the metric; of the common part of the classes' own.
+    covariances_ : array, shape (classes, features, features), or None
+        The classes' own, where they have them.
     whitening_ : array, shape (features, directions)
         W with W W^T the inverse of the covariance.
     regularized_ : bool
@@ -211,18 +221,29 @@ class MinimumDistanceClassifier(ClassifierMixin, BaseEstimator):  # type: ignore
             [vectors[classes == index].mean(axis=0) for index in np.unique(classes)]
         )
         self.covariance_ = np.atleast_2d(np.cov(vectors.T, bias=True))
+        offsets = vectors - self.means_[classes]
         if self.metric != "total":
-            offsets = vectors - self.means_[classes]
             within = offsets.T @ offsets / len(offsets)
             self.covariance_ = _blended(within, self.covariance_, self.metric)
         self.whitening_, self.regularized_ = whitening(self.covariance_)
+        self.covariances_ = None
+        if self.metric == "own":
+            self.covariances_ = np.array(
+                [
+                    drawn_covariance(offsets[classes == index], self.covariance_)
+                    for index in range(len(self.classes_))
+                ]
+            )
         return self
 
     def distances(self, X: ArrayLike) -> NDArray[np.float64]:
         """Return the distance of each vector from each class's mean; shape (n, classes)."""
         check_is_fitted(self)
         vectors = validate_data(self, X, reset=False, dtype=np.float64)
-        return distances_from_means(vectors, self.means_, self.whitening_)
+        if self.covariances_ is None:
+            return distances_from_means(vectors, self.means_, self.whitening_)
+        matrices = [whitening(covariance)[0] for covariance in self.covariances_]
+        return distances_in_own_metrics(vectors, self.means_, matrices)
 
     def predict(self, X: ArrayLike) -> NDArray[Any]:
         """Return the label of each vector; shape (n,)."""

@@ -12,7 +12,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.model_selection import StratifiedKFold
 
 from momrec_core.canonical import CANONICAL_AREA
-from momrec_core.covariance import distances_from_means
+from momrec_core.covariance import distances_from_means, drawn_covariance, whitening
 from momrec_core.estimators import MinimumDistanceClassifier, StepwiseSelector
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Learned", "learn", "learn_class"]
 
 METRIC = "within"  # the paper's, "total", lets what varies by noise alone count as much
-METRIC_OF_MORE = "shrunk"  # where invariants or size count beside the moments
+METRIC_OF_MORE = "own"  # where invariants or size count beside the moments
 ALIGNING_ROUNDS = 10  # in which the instances of a class find their common frame
 FOLDS = 5  # of the cross-validation that the threshold is learned from
 KNOWN_QUANTILE = 0.99  # of the held-back distances lies below the threshold, before its margin
@@ -52,7 +52,7 @@ class Learned:
     means : array, shape (classes, features)
         Of the selected moments, then of the common features.
     covariance : array, shape (features, features)
-        Of the metric: within classes, with a little of T.
+        Of the metric: within classes, with a little of T; what the classes' own are drawn towards.
     threshold : float
         Distance, in spreads of the nearest class, beyond which an instance belongs to none.
     spreads : array, shape (classes,)
@@ -62,6 +62,8 @@ class Learned:
     certainty : float
         Slope of the log odds that an instance belongs to one of the classes, over its distance in
         thresholds; they are even at the threshold.
+    covariances : array, shape (classes, features, features), or None
+        Of the classes' own metrics, where there are common features.
     """
 
     classes: tuple[str, ...]
@@ -72,6 +74,7 @@ class Learned:
     spreads: NDArray[np.float64]
     blur: float
     certainty: float
+    covariances: NDArray[np.float64] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,38 +162,58 @@ def learn(
         spreads=spreads,
         blur=_blur(distances, members, spreads),
         certainty=_certainty(*_strays(known, max_features, reach)),
+        covariances=classifier.covariances_,
     )
 
 
 def learn_class(
-    candidates: Sequence[NDArray[np.float64]], matrix: NDArray[np.float64], typical: float
-) -> tuple[NDArray[np.float64], float]:
-    """Learn one more class in the metric of those that are known.
+    candidates: Sequence[NDArray[np.float64]],
+    covariance: NDArray[np.float64],
+    typical: float,
+    *,
+    own: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Learn one more class in the metric of those that are known, or one drawn towards it.
 
     Parameters
     ----------
     candidates : sequence of arrays, shape (frames, moments)
         For each instance, two at the least, its moments in each admissible frame.
-    matrix : array, shape (moments, directions)
-        Of the metric, as of `whitening`.
+    covariance : array, shape (moments, moments)
+        Of the metric.
     typical : float
         Spread of the known classes.
+    own : bool
+        Whether the class gets a metric of its own.
 
     Returns
     -------
     mean : array, shape (moments,)
         Of the instances, in the frames in which they are alike.
+    covariance : array, shape (moments, moments)
+        Of the metric of the class.
     spread : float
         Root mean square of their distances from the mean of the others, as if some had the
         typical one.
     """
+    matrix, _ = whitening(covariance)
     frames = _frames_alike([vectors @ matrix for vectors in candidates])
     X = np.array([vectors[frame] for vectors, frame in zip(candidates, frames, strict=True)])
+    held_back = [
+        distances_from_means(X[[row]], mean[None], whitening(of_others)[0])[0, 0]
+        for row in range(len(X))
+        for mean, of_others in [_described(np.delete(X, row, axis=0), covariance, own=own)]
+    ]
+    (spread,) = _spreads(np.array(held_back), np.zeros(len(X), dtype=np.int64), typical)
+    return *_described(X, covariance, own=own), float(spread)
+
+
+def _described(
+    X: NDArray[np.float64], common: NDArray[np.float64], *, own: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean of a class's members and the covariance of its metric."""
     mean = X.mean(axis=0)
-    without = len(X) / (len(X) - 1)  # leaving an instance out moves the mean away from it
-    distances = without * distances_from_means(X, mean[None], matrix)[:, 0]
-    (spread,) = _spreads(distances, np.zeros(len(X), dtype=np.int64), typical)
-    return mean, float(spread)
+    return mean, drawn_covariance(X - mean, common) if own else common
 
 
 def _spreads(

@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING, Any, Self, cast
 import numpy as np
 
 from momrec_core.canonical import CanonicalShape, normalize
-from momrec_core.covariance import correlation, distances_from_means, whitening
+from momrec_core.covariance import (
+    correlation,
+    distances_from_means,
+    distances_in_own_metrics,
+    whitening,
+)
 from momrec_core.errors import ModelFormatError, MomrecError
 from momrec_core.features import (
     INVARIANTS,
@@ -32,7 +37,7 @@ __all__ = ["UNKNOWN", "Recognition", "RecognitionModel", "check_new_label", "loa
 UNKNOWN = "unknown"  # the label of what is far from every class; no class may have it
 FORMAT, VERSION = "momrec recognition model", 3
 MOMENTS_ONLY = 2  # the version before: its models know moments alone
-MAX_FILE_BYTES = 16 * 2**20  # a model of a thousand classes has two megabytes
+MAX_FILE_BYTES = 16 * 2**20  # a model of a thousand classes has two to seven megabytes
 MAX_ORDER = 5  # canonical shapes carry their moments up to it
 LARGEST = 1e100  # of a number in a model file: its square is one
 SMALLEST = 1e-50  # of a variance or threshold in a model file, likewise
@@ -51,7 +56,8 @@ class Recognition:
     known : bool
         Whether the nearest class is near enough.
     distance : float
-        To the nearest class's mean, in the metric of the covariance within classes.
+        To the nearest class's mean, in the metric of the covariance within classes, or in the
+        class's own.
     score : float
         How sure the label is, 0 to 1: the nearest class's share among all, by the spread of
         held-back instances, times the probability that the shape is of a known class at all, as
@@ -99,6 +105,9 @@ class RecognitionModel:
         Whether the size counts as well, so that shapes must come in metres.
     with_invariants : bool
         Whether what is the same in every frame counts beside the moments.
+    covariances : array, shape (classes, features, features), or None
+        Of the classes' own metrics, where they have them: with size or invariants. The common one
+        is what that of a further class is drawn towards.
     """
 
     classes: tuple[str, ...]
@@ -111,10 +120,12 @@ class RecognitionModel:
     certainty: float
     sized: bool = False
     with_invariants: bool = False
-    _whitening: NDArray[np.float64] = field(init=False, repr=False)
+    covariances: NDArray[np.float64] | None = None
+    _metrics: tuple[NDArray[np.float64], ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_whitening", whitening(self.covariance)[0])
+        covariances = [self.covariance] if self.covariances is None else self.covariances
+        object.__setattr__(self, "_metrics", tuple(whitening(each)[0] for each in covariances))
 
     @classmethod
     def fit(
@@ -185,6 +196,7 @@ class RecognitionModel:
             certainty=learned.certainty,
             sized=sized,
             with_invariants=with_invariants,
+            covariances=learned.covariances,
         )
 
     def with_class(self, label: str, shapes: Sequence[CanonicalShape | trimesh.Trimesh]) -> Self:
@@ -220,12 +232,16 @@ class RecognitionModel:
         if len(shapes) < 2:
             raise MomrecError(f"Expected two instances or more of {label!r}, got {len(shapes)}")
         candidates = [self._features(_canonical(shape)) for shape in shapes]
-        mean, spread = learn_class(candidates, self._whitening, float(np.median(self.spreads)))
+        own = self.covariances
+        mean, covariance, spread = learn_class(
+            candidates, self.covariance, float(np.median(self.spreads)), own=own is not None
+        )
         return replace(
             self,
             classes=(*self.classes, label),
             means=np.vstack([self.means, mean]),
             spreads=np.append(self.spreads, spread),
+            covariances=None if own is None else np.concatenate([own, covariance[None]]),
         )
 
     def recognize(self, mesh_or_canonical: CanonicalShape | trimesh.Trimesh) -> Recognition:
@@ -247,8 +263,7 @@ class RecognitionModel:
             If a mesh has no area.
         """
         canonical = _canonical(mesh_or_canonical)
-        vectors = self._features(canonical)
-        distances = distances_from_means(vectors, self.means, self._whitening).min(axis=0)
+        distances = self._distances(self._features(canonical)).min(axis=0)
         nearest = int(np.argmin(distances))
         strayed = float(distances[nearest] / (self.threshold * self.spreads[nearest]))
         familiarity = self._familiarity_at(strayed)
@@ -273,6 +288,12 @@ class RecognitionModel:
         vectors = feature_vectors(canonical, list(self.indices))
         common = _common(canonical, sized=self.sized, with_invariants=self.with_invariants)
         return np.column_stack([vectors, np.tile(common, (len(vectors), 1))])
+
+    def _distances(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distances of vectors, shape (frames, features), from each class's mean."""
+        if self.covariances is None:
+            return distances_from_means(vectors, self.means, self._metrics[0])
+        return distances_in_own_metrics(vectors, self.means, self._metrics)
 
     def _familiarity_at(self, strayed: float) -> float:
         return float(1.0 / (1.0 + np.exp(min(self.certainty * (strayed - 1.0), MOST_ODDS))))
@@ -304,6 +325,7 @@ class RecognitionModel:
             "certainty": self.certainty,
             "sized": self.sized,
             "invariants": self.with_invariants,
+            "covariances": [] if self.covariances is None else _triangles(self.covariances),
         }
         target = Path(path)
         temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
@@ -398,6 +420,7 @@ def _from_content(content: object) -> RecognitionModel:
             f'Expected "version": {MOMENTS_ONLY} or {VERSION}, got {_described(version)}'
         )
     sized, with_invariants = (False, False) if version == MOMENTS_ONLY else _switches(content)
+    own = content.get("covariances", []) if version == VERSION else []
     classes = _labels(content.get("classes"))
     indices = _indices(content.get("moments"))
     features = len(indices) + INVARIANTS * with_invariants + sized
@@ -426,7 +449,27 @@ def _from_content(content: object) -> RecognitionModel:
         certainty,
         sized=sized,
         with_invariants=with_invariants,
+        covariances=None if own == [] else _own_covariances(content, len(classes), features),
     )
+
+
+def _triangles(covariances: NDArray[np.float64]) -> list[list[float]]:
+    """Return the upper triangle of each matrix, row by row."""
+    rows, columns = np.triu_indices(covariances.shape[-1])
+    triangles: list[list[float]] = covariances[:, rows, columns].tolist()
+    return triangles
+
+
+def _own_covariances(
+    content: Mapping[str, object], classes: int, features: int
+) -> NDArray[np.float64]:
+    rows, columns = np.triu_indices(features)
+    triangles = _numbers(content, "covariances", (classes, len(rows)))
+    covariances = np.empty((classes, features, features))
+    covariances[:, rows, columns] = covariances[:, columns, rows] = triangles
+    for covariance in covariances:
+        _check_covariance(covariance)
+    return covariances
 
 
 def _switches(content: Mapping[str, object]) -> tuple[bool, bool]:
