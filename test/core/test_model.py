@@ -28,7 +28,7 @@ from momrec_core import (
     normalize,
     surface_moments,
 )
-from momrec_core.features import feature_vectors
+from momrec_core.features import feature_vectors, invariants
 from momrec_core.trust import Verdicts, judge, reliability
 
 MESHES = Path(__file__).parents[2] / "meshes"
@@ -330,6 +330,70 @@ def test_a_class_learned_later_has_its_size() -> None:
     learned = model.with_class("mug", [cups(rng, 1.4) for _ in range(4)])
     assert learned.recognize(cups(rng, 1.4)).label == "mug"
     assert learned.recognize(cups(rng, 1.0)).label == "cup"
+
+
+def tubs(
+    rng: np.random.Generator, count: int, height: float, varies: float
+) -> list[CanonicalShape]:
+    """Return boxes of about one height, whose frames differ by signs only."""
+    heights = height * (1.0 + varies * rng.normal(size=count))
+    return [normalize(trimesh.creation.box((1.0, 2.0, each))) for each in heights]
+
+
+@pytest.fixture(scope="module")
+def tubs_model() -> RecognitionModel:
+    """Know a class that hardly varies and one that varies much, by the invariants."""
+    rng = np.random.default_rng(33)
+    shapes = tubs(rng, 12, 3.0, 0.002) + tubs(rng, 12, 4.5, 0.06)
+    return RecognitionModel.fit(shapes, ["same"] * 12 + ["any"] * 12, with_invariants=True)
+
+
+def test_with_invariants_distances_are_mahalanobis_distances_in_own_metrics(
+    tubs_model: RecognitionModel,
+) -> None:
+    shape = normalize(trimesh.creation.box((1.0, 2.0, 3.5)))
+    moments = feature_vectors(shape, list(tubs_model.indices))
+    vectors = [[*vector, *invariants(shape)] for vector in moments]
+    for label, distance, _ in tubs_model.recognize(shape).ranking:
+        number = tubs_model.classes.index(label)
+        inverse = np.linalg.pinv(tubs_model.covariances[number], rcond=1e-14, hermitian=True)
+        expected = min(mahalanobis(each, tubs_model.means[number], inverse) for each in vectors)
+        assert distance == pytest.approx(expected, rel=1e-3)
+
+
+def test_own_metrics_are_kept_in_the_file_and_files_without_them_have_one(
+    tubs_model: RecognitionModel, tmp_path: Path
+) -> None:
+    path = tmp_path / "model.json"
+    tubs_model.save(path)
+    loaded = load_model(path)
+    np.testing.assert_array_equal(loaded.covariances, tubs_model.covariances)
+    content = json.loads(path.read_text())
+    del content["covariances"]
+    path.write_text(json.dumps(content))
+    assert load_model(path).covariances is None
+    for damage in ([1.0], [[1.0]], content["covariance"], [[-1.0] * 231] * 2, {}, None, [[]] * 2):
+        path.write_text(json.dumps(content | {"covariances": damage}))
+        with pytest.raises(ModelFormatError, match="covariance"):
+            load_model(path)
+
+
+def test_a_later_class_gets_a_metric_of_its_own_where_the_others_have_one(
+    tubs_model: RecognitionModel, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(34)
+    shapes = tubs(rng, 9, 7.0, 0.06)
+    learned = tubs_model.with_class("new", shapes)
+    learned.save(tmp_path / "model.json")
+    loaded = load_model(tmp_path / "model.json")
+    X = np.array(
+        [[*feature_vectors(shape, list(loaded.indices))[0], *invariants(shape)] for shape in shapes]
+    )
+    scatter = 9 * np.cov(X.T, bias=True) + 5 * tubs_model.covariance
+    np.testing.assert_allclose(loaded.covariances[-1], scatter / (8 + 5), rtol=1e-6)
+    np.testing.assert_array_equal(loaded.covariances[:-1], tubs_model.covariances)
+    for asked in tubs(rng, 10, 7.0, 0.06):
+        assert loaded.recognize(asked).label == "new"
 
 
 def test_recognition_does_not_depend_on_the_canonical_area(
