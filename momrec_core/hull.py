@@ -37,6 +37,7 @@ from momrec_core.slicing import (
     region_of_pairs,
     viewing_region,
 )
+from momrec_core.strips import surface_strips
 from momrec_core.tiling import tile
 from momrec_core.view import View
 
@@ -54,9 +55,10 @@ MAX_LAYERS = 5  # times the slices: where everything changes everywhere, the wor
 MARGIN = 0.25  # of the sections' box: what the hull may stick out between two planes
 END_MARGIN = 0.03  # of the extent along a new normal, beyond which the hull ends most likely
 WIDENINGS = 8  # doublings of that, at most
-TURN_SHARE = 0.3  # of the hull's extent along the normal: when planes along another line pay
+TURN_SHARE = 0.3  # of how coarsely the planes cut the hull: when those along another line pay
 REFIT_SHARE = 0.9  # the same where the planes have to be laid anew anyway
 WEIGHED_PLANES = 9  # evenly chosen ones tell the hull's extents well enough
+LEANING_POWER = 2  # of facets, beside the extent: measured, area errors follow it about like that
 FEWEST_TO_TURN = 3  # views: two slice along their common line
 SETTLED = ("_family", "_pair", "_levels", "_prepared", "_is_turned")  # what settling changes
 SETTLED_AT = frozenset(4**power for power in range(1, 16))  # views: seldom, as it costs like all
@@ -70,9 +72,9 @@ class VisualHull:
     of their image planes. The planes are equidistant and fill the extent that the views leave;
     when later views leave much less of it (pinhole cameras), the planes are laid anew. When the
     hull is asked for, the common lines of all views and their directions are weighed: planes lie
-    the denser, the shorter the hull is along their normal, and the planes are turned where it is
-    much shorter than along the present one. What comes of the views depends on them and their
-    order alone, not on when it is asked for.
+    the denser, the shorter the hull is along their normal, and cut its surface the better, the
+    less of it leans towards them; they are turned where that pays. What comes of the views
+    depends on them and their order alone, not on when it is asked for.
 
     Parameters
     ----------
@@ -315,17 +317,21 @@ class VisualHull:
             self._fit()
 
     def _turn(self, share: float) -> bool:
-        """Turn the planes if the hull's extent along another normal is less than a share."""
+        """Turn the planes if those along another normal cut the hull less than a share as coarsely.
+
+        How coarsely is the hull's extent along the normal, times how far its facets lean.
+        """
         if len(self.views) < FEWEST_TO_TURN:
             return False
         points = self._outlines(WEIGHED_PLANES)
-        normals, pairs = directions_to_slice(self.views)
-        extents = np.ptp(points @ normals.T, axis=0)
-        best = int(np.argmin(extents))
-        present = np.ptp(points @ self._require_family().frame[:3, 2])
-        if extents[best] > share * present:
+        lines, pairs = directions_to_slice(self.views)
+        normals = np.vstack([lines, self._require_family().frame[:3, 2]])
+        strips = surface_strips(self.views, points.mean(axis=0), self.spare)
+        coarseness = np.ptp(points @ normals.T, axis=0) * strips.leaning(normals) ** LEANING_POWER
+        best = int(np.argmin(coarseness[:-1]))
+        if coarseness[best] > share * coarseness[-1]:
             return False
-        self._turn_to(normals[best], None if self.spare else pairs[best])
+        self._turn_to(lines[best], None if self.spare else pairs[best])
         self._is_turned = True
         return True
 

@@ -1,0 +1,267 @@
+"""Where the viewing cones bound the hull, by samples, without the hull.
+
+Of the cone over a silhouette's outline, each line of sight bounds the hull where it is inside all
+other viewing volumes: strips along the outline make up the hull's surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from momrec_core.camera import Camera
+from momrec_core.rings import Rings
+from momrec_core.view import View
+
+__all__ = ["Strips", "surface_strips"]
+
+MAX_VIEWS = 16  # that are sampled: their hull has about the same facets
+RAYS = 16  # lines of sight of each view
+MAX_RINGS = 32  # of a silhouette, those of most vertices
+MAX_VERTICES = 256  # of these rings, about: more are thinned out
+POINT_SINE = 1e-6  # a line of sight that another view sees as a point, to within so much
+STEEPEST = 5.0  # times its height: how wide a strip between two planes counts at most
+FLAT_SINE = 1e-3  # of the angle between planes and facet: below, it is an end or a ledge
+
+
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """Samples of a hull's surface.
+
+    Attributes
+    ----------
+    normals : array, shape (n, 3)
+        Unit normals in the world, of either sign.
+    areas : array, shape (n,)
+        Squared metres; their sum estimates the hull's area.
+    """
+
+    normals: NDArray[np.float64]
+    areas: NDArray[np.float64]
+
+    def leaning(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Tell how much wider the surface is between two planes than they are apart, on average.
+
+        Facets that lean towards the planes are met by few of them, and contours move far on
+        them from plane to plane. Facets parallel to the planes are no matter: ends and ledges
+        are located.
+
+        Parameters
+        ----------
+        directions : array, shape (m, 3)
+            Unit normals of planes, in the world.
+
+        Returns
+        -------
+        leaning : array, shape (m,)
+            From 1, where all of the surface is perpendicular to the planes, to 5.
+        """
+        cosines = np.clip(self.normals @ directions.T, -1.0, 1.0)
+        sines = np.sqrt(1 - cosines**2)
+        areas = np.where(sines > FLAT_SINE, self.areas[:, None], 0.0)
+        total = areas.sum(axis=0)
+        widths = (areas / np.maximum(sines, 1 / STEEPEST)).sum(axis=0)
+        found = total > 0
+        return np.where(found, widths, 1.0) / np.where(found, total, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Outlines:
+    """The outlines of several views, and lines of sight through points spread evenly over them.
+
+    Attributes
+    ----------
+    rings : Rings
+        Homogeneous image points of all views.
+    ring_views : array of int, shape (n,)
+        The view of each vertex.
+    origins, directions, edges : array, shape (r, 3)
+        Points and directions of the lines of sight, and how far each is from the next one there,
+        in the world.
+    depths : array, shape (r,)
+        From a pinhole to the point, in lengths of the direction; 0 for parallel projection.
+    views : array of int, shape (r,)
+        The view of each line of sight.
+    """
+
+    rings: Rings
+    ring_views: NDArray[np.int64]
+    origins: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    edges: NDArray[np.float64]
+    depths: NDArray[np.float64]
+    views: NDArray[np.int64]
+
+
+def surface_strips(views: Sequence[View], middle: NDArray[np.float64], spare: int = 0) -> Strips:
+    """Sample the surface of the hull of some of the views, evenly chosen.
+
+    Parameters
+    ----------
+    views : sequence of View
+        The views.
+    middle : array, shape (3,)
+        A point somewhere in the hull, metres.
+    spare : int, default 0
+        How many viewing volumes a point of the hull may be outside of.
+
+    Returns
+    -------
+    strips : Strips
+        Of each line of sight the parts that bound the hull, as far as the next line of sight.
+
+    References
+    ----------
+    W. Matusik et al., Image-based visual hulls, 2000; S. Lazebnik et al., Projective visual
+    hulls, 2007 (cone strips).
+    """
+    numbers = np.unique(np.linspace(0, len(views) - 1, MAX_VIEWS).round().astype(int))
+    chosen = [views[number] for number in numbers]
+    outlines = _outlines(chosen, middle)
+    matrices = np.array([_image_from_world(view.camera) for view in chosen])
+    rays, low, high = _bounding_parts(outlines, matrices, spare)
+    is_pinhole = np.array([view.camera.is_pinhole for view in chosen])[outlines.views[rays]]
+    near, far = (np.maximum(outlines.depths[rays] + ends, 0.0) for ends in (low, high))
+    lengths = np.where(is_pinhole, (far**2 - near**2) / 2, high - low)
+    normals = np.cross(outlines.directions[rays], outlines.edges[rays])
+    widths = np.linalg.norm(normals, axis=1)
+    return Strips(normals / widths[:, None], lengths * widths)
+
+
+def _image_from_world(camera: Camera) -> NDArray[np.float64]:
+    """Return the projection of homogeneous points as a matrix, shape (3, 4)."""
+    matrix = np.column_stack([camera.rotation.T, -camera.rotation.T @ camera.position])
+    if camera.K is not None:
+        return np.asarray(camera.K @ matrix)
+    matrix[2] = (0.0, 0.0, 0.0, 1.0)
+    return matrix
+
+
+def _outlines(views: Sequence[View], middle: NDArray[np.float64]) -> _Outlines:
+    thinned = [_thinned(view) for view in views]
+    sampled = [_sampled(view, rings) for view, rings in zip(views, thinned, strict=True)]
+    origins, directions, edges = (np.concatenate(part) for part in zip(*sampled, strict=True))
+    depths = ((middle - origins) * directions).sum(axis=1) / (directions**2).sum(axis=1)
+    points = np.concatenate([rings.points for rings in thinned])
+    counts = np.concatenate([rings.counts for rings in thinned])
+    return _Outlines(
+        Rings(np.column_stack([points, np.ones(len(points))]), np.cumsum([0, *counts])),
+        np.repeat(np.arange(len(views)), [len(rings.points) for rings in thinned]),
+        origins + depths[:, None] * directions,
+        directions,
+        edges,
+        depths,
+        np.repeat(np.arange(len(views)), RAYS),
+    )
+
+
+def _thinned(view: View) -> Rings:
+    rings = sorted(view.rings, key=len)[-MAX_RINGS:]
+    step = -(-sum(len(ring) for ring in rings) // MAX_VERTICES)
+    rings = [ring[:: min(step, len(ring) // 3)] for ring in rings]
+    return Rings(np.concatenate(rings), np.cumsum([0, *(len(ring) for ring in rings)]))
+
+
+def _sampled(view: View, rings: Rings) -> tuple[NDArray[np.float64], ...]:
+    """Return origins and directions of lines of sight, and their part of the outline.
+
+    For parallel projection in metres; for a pinhole at a depth of one, where the camera is the
+    origin of all.
+    """
+    ends = np.cumsum(np.hypot(*rings.edges.T))
+    positions = ends[-1] * (np.arange(RAYS) + 0.5) / RAYS
+    edges = np.searchsorted(ends, positions)
+    along = rings.edges[edges] / np.hypot(*rings.edges[edges].T)[:, None]
+    points = rings.points[rings.following[edges]] - (ends[edges] - positions)[:, None] * along
+    along *= ends[-1] / RAYS
+    camera = view.camera
+    if camera.is_pinhole:
+        starts, stops = np.split(camera.rays_camera(np.concatenate([points, points + along])), 2)
+        origins = np.tile(camera.position, (RAYS, 1))
+        return origins, starts @ camera.rotation.T, (stops - starts) @ camera.rotation.T
+    origins = camera.position + points @ camera.rotation[:, :2].T
+    directions = np.tile(camera.rotation[:, 2], (RAYS, 1))
+    return origins, directions, along @ camera.rotation[:, :2].T
+
+
+def _bounding_parts(
+    outlines: _Outlines, matrices: NDArray[np.float64], spare: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the parts of lines of sight that are in just enough of the other volumes.
+
+    Returns
+    -------
+    rays : array of int, shape (m,)
+        Numbers of lines of sight.
+    low, high : array, shape (m,)
+        Where the parts begin and end, in lengths of their directions.
+    """
+    starts = matrices[:, :, :3] @ outlines.origins.T + matrices[:, :, 3:]
+    slopes = matrices[:, :, :3] @ outlines.directions.T
+    lines = np.cross(starts, slopes, axis=1)
+    sizes = np.linalg.norm(starts, axis=1) * np.linalg.norm(slopes, axis=1)
+    is_met = np.linalg.norm(lines, axis=1) > POINT_SINE * sizes
+    is_met[outlines.views, np.arange(len(outlines.views))] = False
+    pairs, positions = _crossings(outlines, starts, slopes, lines, is_met)
+    order = np.lexsort([positions, pairs])
+    pairs, positions = pairs[order], positions[order]
+    steps = 1 - 2 * (np.arange(len(pairs)) % 2)  # each pair has an even number
+    rays = pairs % len(outlines.views)
+    order = np.lexsort([positions, rays])
+    rays, positions = rays[order], positions[order]
+    inside = np.cumsum(steps[order])
+    just_enough = is_met.sum(axis=0) - spare
+    is_part = (inside == just_enough[rays])[:-1] & (rays[:-1] == rays[1:])
+    parts = np.flatnonzero(is_part & np.isfinite(positions[:-1]) & np.isfinite(positions[1:]))
+    return rays[parts], positions[parts], positions[parts + 1]
+
+
+def _crossings(
+    outlines: _Outlines,
+    starts: NDArray[np.float64],
+    slopes: NDArray[np.float64],
+    lines: NDArray[np.float64],
+    is_met: NDArray[np.bool_],
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Find where lines of sight enter and leave viewing volumes.
+
+    Parameters
+    ----------
+    outlines : _Outlines
+        Of v views, with r lines of sight.
+    starts, slopes : array, shape (v, 3, r)
+        Homogeneous images of the lines' points, and how they change along the lines.
+    lines : array, shape (v, 3, r)
+        The lines' images.
+    is_met : array of bool, shape (v, r)
+        Which views to look at.
+
+    Returns
+    -------
+    pairs : array of int, shape (m,)
+        View times r plus line of sight; each an even number of times.
+    positions : array, shape (m,)
+        In lengths of the lines' directions.
+    """
+    points, following = outlines.rings.points, outlines.rings.following
+    parts = np.split(points, np.flatnonzero(np.diff(outlines.ring_views)) + 1)
+    sides = np.concatenate([part @ line for part, line in zip(parts, lines, strict=True)])
+    is_left = sides > 0
+    edges, rays = np.nonzero((is_left != is_left[following]) & is_met[outlines.ring_views])
+    views = outlines.ring_views[edges]
+    here, there = sides[edges, rays], sides[following[edges], rays]
+    fraction = (here / (here - there))[:, None]
+    crossed = points[edges] + fraction * (points[following[edges]] - points[edges])
+    start, slope = starts[views, :, rays], slopes[views, :, rays]
+    offset = start[:, :2] - start[:, 2:] * crossed[:, :2]
+    change = slope[:, :2] - slope[:, 2:] * crossed[:, :2]
+    positions = -(offset * change).sum(axis=1) / (change**2).sum(axis=1)
+    is_ahead = start[:, 2] + positions * slope[:, 2] > 0
+    pairs = (views * len(outlines.views) + rays)[is_ahead]
+    odd = np.flatnonzero(np.bincount(pairs, minlength=is_met.size) % 2)
+    view, ray = np.divmod(odd, len(outlines.views))
+    beyond = np.copysign(np.inf, slopes[view, 2, ray])  # inside where the line vanishes
+    return np.concatenate([pairs, odd]), np.concatenate([positions[is_ahead], beyond])
