@@ -66,8 +66,8 @@ def test_a_view_to_spare_gives_the_surface_of_the_hull_without_it():
     assert surface_strips(views, np.zeros(3), 1).areas.sum() == pytest.approx(exact, rel=0.15)
 
 
-def test_silhouettes_in_a_thousand_pieces_are_sampled_by_their_largest():
-    grid = np.stack(np.meshgrid(np.arange(40.0), np.arange(25.0)), axis=-1).reshape(-1, 1, 2)
+def test_silhouettes_in_many_pieces_are_sampled_by_their_largest():
+    grid = np.stack(np.meshgrid(np.arange(10.0), np.arange(9.0)), axis=-1).reshape(-1, 1, 2)
     specks = list(500.0 + grid + 0.2 * np.array([[0, 0], [1, 0], [0, 1]]))
     turns = 2 * np.pi * np.arange(3000) / 3000
     disc = 100.0 * np.column_stack([np.cos(turns), np.sin(turns)])
