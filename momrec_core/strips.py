@@ -258,8 +258,10 @@ def _crossings(
     start, slope = starts[views, :, rays], slopes[views, :, rays]
     offset = start[:, :2] - start[:, 2:] * crossed[:, :2]
     change = slope[:, :2] - slope[:, 2:] * crossed[:, :2]
-    positions = -(offset * change).sum(axis=1) / (change**2).sum(axis=1)
-    is_ahead = start[:, 2] + positions * slope[:, 2] > 0
+    squares = (change**2).sum(axis=1)
+    is_near = squares > 0  # the rest is where lines vanish
+    positions = -(offset * change).sum(axis=1) / np.where(is_near, squares, 1.0)
+    is_ahead = is_near & (start[:, 2] + positions * slope[:, 2] > 0)
     pairs = (views * len(outlines.views) + rays)[is_ahead]
     odd = np.flatnonzero(np.bincount(pairs, minlength=is_met.size) % 2)
     view, ray = np.divmod(odd, len(outlines.views))

@@ -431,13 +431,13 @@ def test_cameras_may_be_inside_the_bounding_sphere():
         assert np.abs(compare(reconstruct(order, 64), order)).max() < 5e-3
 
 
-def test_planes_turn_to_where_the_hull_is_short():
-    """The first two views are above each other, and so slice a standing rod along its length."""
-    rod = trimesh.creation.box((0.2, 0.3, 4.0))
-    rod.apply_transform(trimesh.transformations.rotation_matrix(0.1, (1.0, 0.3, 0.0)))
+def test_planes_turn_to_where_few_facets_lean_towards_them():
+    """The first two views are beside each other, and so slice a plate almost along its faces."""
+    plate = trimesh.creation.box((3.0, 2.5, 0.02))
+    plate.apply_transform(trimesh.transformations.rotation_matrix(0.25, (1.0, 0.3, 0.0)))
     directions = [(1.0, 0.1, 0.0), (0.3, 1.0, 0.0), (0.2, 0.4, -1.0), (1.0, 1.0, -0.5)]
     views = [
-        silhouette_of_mesh(rod, Camera.pinhole(pose_towards(direction, distance=5.0), K))
+        silhouette_of_mesh(plate, Camera.pinhole(pose_towards(direction, distance=5.0), K))
         for direction in directions
     ]
     hull = reconstruct(views[:2], 32)
