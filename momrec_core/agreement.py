@@ -27,11 +27,12 @@ QUORUM = 4  # views for each one that may be left out: of three, any may be the 
 # A ray that misses a silhouette by less than a tolerance, relative to the silhouette's diagonal,
 # is a contradiction by half: such grades tell a liar from noise better than a single tolerance.
 FINE = (0.0014, 0.0028)  # one and two pixels of a common mask
-COARSE = (0.0042, 0.0084)  # where noise is so strong that most views miss others at the fine ones
-NOISY = 0.5  # suspicion of the middle view from which on that is so
+COARSE = (0.0042, 0.0084)  # where calibration and segmentation leave little to be refused
+NOISY = 0.5  # suspicion of the middle view at the fine ones, from which on they tell nothing
 # Suspicions below are what calibration and noise leave: each further view adds to all of them.
 HARMLESS, HARMLESS_PER_VIEW = 0.2, 0.015
 MARGIN = 1.35  # of a liar's suspicion over all views that stay, beside it and without it
+OUTLYING = 3.0  # times the middle view's suspicion at the coarse ones: noise alone stays below
 
 
 def contradicting_views(views: Sequence[View], most: int) -> tuple[int, ...]:
@@ -57,22 +58,44 @@ def contradicting_views(views: Sequence[View], most: int) -> tuple[int, ...]:
     most = min(most, len(views) // QUORUM)
     if most < 1:
         return ()
-    used = np.ones(len(views), dtype=np.bool_)
-    lines = _sightlines(views, FINE)
-    rounds = [_suspicions(lines, used)]
-    if np.median(rounds[0]) > NOISY:
-        lines = _sightlines(views, COARSE)
-        rounds = [_suspicions(lines, used)]
-    harmless = HARMLESS + HARMLESS_PER_VIEW * min(len(views), MOST_OUTLINES)
+    fine = _sightlines(views, FINE)
+    everyone = np.ones(len(views), dtype=np.bool_)
+    is_noisy = np.median(_suspicions(fine, everyone)) > NOISY
+    coarse = _sightlines(views, COARSE) if is_noisy else None
+    suspects, rounds = _accused(coarse or fine, len(views), most)
+    for count in range(len(suspects), 0, -1):
+        if _stand_out(suspects[:count], rounds):
+            coarse = coarse or _sightlines(views, COARSE)
+            if _is_confirmed(coarse, len(views), suspects[:count]):
+                return tuple(sorted(suspects[:count]))
+    return ()
+
+
+def _accused(
+    lines: Sequence[Sightlines], count: int, most: int
+) -> tuple[list[int], list[NDArray[np.float64]]]:
+    """Return views under suspicion, the worst first, and the suspicions before and after each."""
+    harmless = HARMLESS + HARMLESS_PER_VIEW * min(count, MOST_OUTLINES)
+    used = np.ones(count, dtype=np.bool_)
     suspects: list[int] = []
+    rounds = [_suspicions(lines, used)]
     while len(suspects) < most and rounds[-1].max() > harmless:
         suspects.append(int(rounds[-1].argmax()))
         used[suspects[-1]] = False
         rounds.append(_suspicions(lines, used))
-    for count in range(len(suspects), 0, -1):
-        if _stand_out(suspects[:count], rounds):
-            return tuple(sorted(suspects[:count]))
-    return ()
+    return suspects, rounds
+
+
+def _is_confirmed(lines: Sequence[Sightlines], count: int, suspects: Sequence[int]) -> bool:
+    """Tell whether views stand out at other tolerances as well, and are no mere noise there."""
+    used = np.ones(count, dtype=np.bool_)
+    rounds = [_suspicions(lines, used)]
+    for suspect in suspects:
+        if rounds[-1][suspect] < OUTLYING * np.median(rounds[-1]):
+            return False
+        used[suspect] = False
+        rounds.append(_suspicions(lines, used))
+    return _stand_out(suspects, rounds)
 
 
 def _sightlines(views: Sequence[View], tolerances: Sequence[float]) -> list[Sightlines]:
