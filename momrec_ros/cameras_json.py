@@ -294,10 +294,15 @@ def _check_path(folder: Path, name: str, label: str) -> Path:
 def _check_size(width: object, height: object, label: str) -> tuple[int, int] | None:
     if width is None and height is None:
         return None
-    if not (isinstance(width, int) and isinstance(height, int) and min(width, height) > 0):
+    if (
+        isinstance(width, bool)
+        or isinstance(height, bool)
+        or not (isinstance(width, int) and isinstance(height, int) and min(width, height) > 0)
+        or width * height > MAX_PIXELS
+    ):
         raise CamerasError(
             f"{label}: expected 'width' and 'height' in pixels, got {_told(width)} and "
-            f"{_told(height)}"
+            f"{_told(height)}; an image has at most {MAX_PIXELS} pixels"
         )
     return width, height
 

@@ -34,6 +34,11 @@ MESH_INPUTS = (".ply", ".stl", ".obj", ".off", ".glb")
 MESH_OUTPUTS = (".ply", ".stl", ".glb")
 MATERIALS = (".obj", ".ply")  # whose readers look for textures unless told not to
 DEBRIS_AREA = 1e-3  # of a scan's surface, for all that is left out as debris together
+SMALLEST_UNITS, LARGEST_UNITS = (
+    1e-12,
+    1e12,
+)  # of a file: beyond, areas and moments lose their digits
+SMALLEST_AREA = 1e-12  # of the squared size: below, all faces are lines but for rounding
 LARGEST_MESH = 1 << 30  # bytes; above, reading takes minutes and most of a desktop's memory
 LONGEST_NAME = (
     80  # characters of a file name that an object's id gives; file systems take 255 bytes
@@ -161,7 +166,7 @@ def read_mesh(path: Path, unit: float = 1.0) -> trimesh.Trimesh:
     OSError
         If the file cannot be read.
     DegenerateShapeError
-        If it is no mesh, is damaged, or has no faces.
+        If it is no mesh, is damaged, has no faces, or is of no size that an object can have.
     """
     kind = path.suffix.lower()
     if kind not in MESH_INPUTS:
@@ -172,16 +177,19 @@ def read_mesh(path: Path, unit: float = 1.0) -> trimesh.Trimesh:
         )
     options: dict[str, Any] = {"skip_materials": True} if kind in MATERIALS else {}
     try:
-        mesh = trimesh.load(path, file_type=kind[1:], force="mesh", **options)
+        with np.errstate(all="ignore"):  # numbers out of range are told in words
+            mesh = trimesh.load(path, file_type=kind[1:], force="mesh", process=False, **options)
+            cleaned = _cleaned(mesh) if isinstance(mesh, trimesh.Trimesh) else None
     except OSError:
         raise
     except Exception as error:  # the readers raise whatever a damaged file leads them to
         raise DegenerateShapeError(
             f"Expected a mesh, got a damaged file {path}: {error}"
         ) from error
-    cleaned = _cleaned(mesh) if isinstance(mesh, trimesh.Trimesh) else None
     if cleaned is None or len(cleaned.faces) == 0:
         raise DegenerateShapeError(f"Expected a mesh with faces, got none in {path}")
+    if not cleaned.area > SMALLEST_AREA * float(cleaned.extents.max()) ** 2:
+        raise DegenerateShapeError(f"Expected a mesh with an area, got lines and points in {path}")
     cleaned.vertices = cleaned.vertices * unit
     return cleaned
 
@@ -189,14 +197,35 @@ def read_mesh(path: Path, unit: float = 1.0) -> trimesh.Trimesh:
 def _cleaned(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Return what there is of the object itself, with equal vertices made one."""
     vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    lowest, highest = mesh.faces.min(initial=0), mesh.faces.max(initial=-1)
+    if lowest < 0 or highest >= len(vertices):
+        raise DegenerateShapeError(
+            f"faces between vertices {lowest} to {highest}, where there are {len(vertices)}"
+        )
     finite = np.asarray(np.isfinite(vertices[mesh.faces]).all(axis=(1, 2)))
     bare = trimesh.Trimesh(vertices, mesh.faces[finite], process=False)
     bare.remove_unreferenced_vertices()
     if len(bare.faces):
-        bare.merge_vertices()
+        bare = _merged(bare)
         bare.update_faces(~_is_debris(bare))
         bare.remove_unreferenced_vertices()
     return bare
+
+
+def _merged(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Make equal vertices one, whatever the file's unit: rounded in sizes of the mesh."""
+    vertices = np.asarray(mesh.vertices)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    size = float((high - low).max())
+    if not SMALLEST_UNITS <= size <= LARGEST_UNITS or np.abs([low, high]).max() > LARGEST_UNITS:
+        raise DegenerateShapeError(
+            f"not of {SMALLEST_UNITS:g} to {LARGEST_UNITS:g} units, but from {low.tolist()} to "
+            f"{high.tolist()}"
+        )
+    merged = trimesh.Trimesh((vertices - low) / size, mesh.faces, process=False)
+    merged.merge_vertices()
+    merged.vertices = merged.vertices * size + low
+    return merged
 
 
 def _is_debris(mesh: trimesh.Trimesh) -> NDArray[np.bool_]:
@@ -205,7 +234,7 @@ def _is_debris(mesh: trimesh.Trimesh) -> NDArray[np.bool_]:
     joined = coo_array((np.ones(len(left)), (left, right)), shape=2 * (len(mesh.faces),))
     _, pieces = connected_components(joined, directed=False)
     areas = np.bincount(pieces, weights=mesh.area_faces)
-    large = areas > DEBRIS_AREA * areas.sum()
+    large = areas >= DEBRIS_AREA * areas.sum()
     if areas[~large].sum() > DEBRIS_AREA * areas.sum():  # a surface in pieces, not debris
         return np.zeros(len(mesh.faces), dtype=np.bool_)
     kept = mesh.triangles[large[pieces]].reshape(-1, 3)

@@ -160,7 +160,12 @@ def _has_pixels(camera: Camera) -> bool:
 def _likely_size(view: View) -> tuple[int, int]:
     """Return the size of an image about the principal point that holds what was seen."""
     middle = np.zeros(2) if view.camera.K is None else view.camera.K[:2, 2]
-    width, height = np.maximum(2 * middle, view.silhouette.bounds[2:]).round().astype(int) + 1
+    width, height = np.maximum(2 * middle, view.silhouette.bounds[2:]).round() + 1
+    if width * height > MAX_PIXELS:
+        raise MomrecError(
+            f"Expected recorded cameras of at most {MAX_PIXELS} pixels, got one that seems to have "
+            f"{width:.6g} x {height:.6g}; tell the image size"
+        )
     return max(1, int(width)), max(1, int(height))
 
 

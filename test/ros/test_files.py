@@ -145,3 +145,48 @@ def test_all_bodies_of_a_file_are_one_mesh(tmp_path):
     mesh = read_mesh(path)
     assert len(mesh.faces) == 12 + 1280
     assert np.isfinite(mesh.vertices).all()
+
+
+def written(path, vertices, faces):
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in np.asarray(vertices).tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces.tolist()]
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("size", [1e30, 1e-30, 1e200])
+def test_a_mesh_of_a_size_that_no_object_has_is_refused(tmp_path, size):
+    box = trimesh.creation.box()
+    path = written(tmp_path / "box.obj", box.vertices * size, box.faces)
+    with pytest.raises(DegenerateShapeError, match=r"box\.obj: not of 1e-12 to 1e\+12 units"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e9])
+def test_equal_vertices_become_one_whatever_the_unit_is(tmp_path, size):
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    corners = ball.triangles.reshape(-1, 3) * size
+    path = written(tmp_path / "ball.obj", corners, np.arange(len(corners)).reshape(-1, 3))
+    mesh = read_mesh(path, unit=1 / size)
+    assert len(mesh.vertices) == len(ball.vertices)
+    assert mesh.volume == pytest.approx(ball.volume, rel=1e-9)
+
+
+@pytest.mark.parametrize("flattening", [(1, 0, 0), (0, 0, 0)])
+def test_a_mesh_without_area_is_refused(tmp_path, flattening):
+    box = trimesh.creation.box()
+    path = written(tmp_path / "box.obj", box.vertices * flattening, box.faces)
+    with pytest.raises(DegenerateShapeError, match="box"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("number", [-7, 3, 2_000_000_000])
+def test_faces_between_vertices_that_are_not_there_are_refused(tmp_path, number):
+    path = tmp_path / "mesh.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        f"0 0 0\n1 0 0\n0 1 0\n3 0 1 {number}\n"
+    )
+    with pytest.raises(DegenerateShapeError, match="damaged"):
+        read_mesh(path)

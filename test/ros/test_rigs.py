@@ -186,3 +186,19 @@ def test_what_is_no_image_size_is_refused(text):
         image_size(text)
     assert image_size("") is None
     assert image_size("640x480") == SIZE
+
+
+@pytest.mark.parametrize("size", [(10**6, 10**6), (10**30, 10**30), (8001, 8000), (True, True)])
+def test_images_of_no_size_or_too_large_are_refused(tmp_path, size):
+    path = write_cameras(tmp_path, map(projection, poses()), width=size[0], height=size[1])
+    with pytest.raises(CamerasError, match="at most 64000000 pixels"):
+        read_rig(path)
+
+
+def test_a_recorded_principal_point_far_outside_makes_no_huge_images():
+    matrix = K.copy()
+    matrix[:2, 2] = 1e7
+    box = trimesh.creation.box((0.2, 0.2, 0.2)).apply_translation(TARGET)
+    (view,) = views_by([Imager(Camera.pinhole(poses()[0], matrix))], box, np.random.default_rng(0))
+    with pytest.raises(MomrecError, match="tell the image size"):
+        _imager_of(view, None, 1.0)
