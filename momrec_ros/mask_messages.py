@@ -76,7 +76,8 @@ class PackedMask:
         Raises
         ------
         MessageError
-            If it is of another encoding, too large, or its sizes contradict each other.
+            If it is of another encoding, too large, its sizes contradict each other, or its
+            values, as of labels, are neither object nor background.
         """
         if image.encoding not in ENCODINGS:
             raise MessageError(
@@ -96,7 +97,14 @@ class PackedMask:
                 f"and {len(image.data)} bytes",
             )
         rows = np.frombuffer(image.data, np.uint8).reshape(image.height, image.step)
-        inside = object_pixels(rows[:, : image.width])
+        values = rows[:, : image.width]
+        inside = object_pixels(values)
+        if values.any() and not inside.any():
+            raise MessageError(
+                Reason.CONTOUR,
+                "Expected a mask whose object is 1 where no value is above, else 128 or more, got "
+                f"a largest value of {values.max()}",
+            )
         return cls(image.header, (image.width, image.height), np.packbits(inside, axis=1))
 
     @property

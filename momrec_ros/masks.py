@@ -111,10 +111,9 @@ def contours_of_mask(
     rows = np.flatnonzero(inside.any(axis=1))
     columns = np.flatnonzero(inside.any(axis=0))
     if not len(rows):
-        largest = np.max(mask, initial=0)
-        raise InvalidContourError(
-            f"Expected a mask that shows an object, got an empty one (largest value {largest:d})"
-        )
+        values = np.asarray(mask)
+        hint = "" if values.dtype == np.bool_ else f" (largest value {values.max(initial=0):d})"
+        raise InvalidContourError(f"Expected a mask that shows an object, got an empty one{hint}")
     cropped = inside[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     _check_length(cropped)
     outline = pixel_outline(cropped, columns[0], rows[0])

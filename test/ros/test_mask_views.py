@@ -156,7 +156,8 @@ def test_masks_of_zeros_and_ones_are_those_of_zeros_and_255():
         ("image", "and 76799 bytes", {"data": bytes(SIZE[0] * SIZE[1] - 1)}),
         ("image", "0 x 240 pixels", {"width": 0, "data": bytes(SIZE[0] * SIZE[1])}),
         ("size", "at most 64000000 pixels", {"width": 65_000, "height": 65_000}),
-        ("contour", "an empty one (largest value 0)", {"data": bytes(SIZE[0] * SIZE[1])}),
+        ("contour", "an empty one", {"data": bytes(SIZE[0] * SIZE[1])}),
+        ("contour", "a largest value of 7", {"data": b"\7" * (SIZE[0] * SIZE[1])}),
         ("calibration", "320 x 240 pixels, as its camera_info", {"height": 120, "step": 640}),
     ],
 )
