@@ -17,6 +17,9 @@ from momrec_ros.poses import MAX_NAME, matrix_from_pose
 __all__ = ["TransformBuffer"]
 
 HORIZON = 60_000_000_000  # nanoseconds that a moving frame is remembered for: a slow segmentation's
+# Nanoseconds that a transform may come late: older ones tell that the clock was set back, as by a
+# simulation that begins anew, and must not be mixed with what was before.
+SET_BACK = 5_000_000_000
 MAX_FRAMES = 1000  # far above any robot's
 MAX_SAMPLES = 200_000  # in all: a minute of thirty frames at 100 Hz; about 100 MB
 
@@ -184,7 +187,7 @@ def _name(frame_id: str) -> str:
 
 
 def _insert(frame: _Moving, stamp: int, sample: tuple[str, Pose]) -> None:
-    if frame.stamps and stamp < frame.stamps[-1] - HORIZON:  # the clock was set back
+    if frame.stamps and stamp < frame.stamps[-1] - SET_BACK:
         frame.stamps.clear()
         frame.samples.clear()
     place = bisect_left(frame.stamps, stamp)
