@@ -79,6 +79,7 @@ __all__ = [
 ]
 
 ALL_USED, SOMETHING_LOST = 0, 3
+LEAST_CLASSES = 2  # that can be told apart
 WORLD = "world"  # the frame of simulated views and of those of photographs
 FIRST_STAMP = 1_000_000_000  # nanoseconds; zero means "no time" to many ROS tools
 STEP = 100_000_000  # nanoseconds between simulated views: ten a second
@@ -189,7 +190,7 @@ class _Sinks:
     def take(self, finished: Result) -> None:
         result = finished.result
         self.rows.append(result_row(result))
-        self._terminal.json(json_line(result))
+        self._terminal.json(json_line(result, finished.cut_views))
         if self._writer is not None:
             self._writer.write_result(
                 result, finished.stamp, finished.frame_id, cut_views=finished.cut_views
@@ -374,6 +375,11 @@ def run_train(paths: Sequence[Path], output: Path, figures: Path | None, course:
     classes = read_classes(paths, course.scene.unit)
     for loss in classes.losses:
         terminal.lost(loss)
+    if len(classes.meshes) < LEAST_CLASSES:
+        raise MomrecError(
+            f"Expected meshes of {LEAST_CLASSES} classes or more, got those of "
+            f"{', '.join(map(repr, classes.meshes)) or 'none'}"
+        )
     rebuilt = reconstructed_instances(
         classes.meshes,
         instances=course.instances,

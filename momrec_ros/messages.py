@@ -84,6 +84,8 @@ class StampedView:
         Camera and silhouette.
     is_cut : bool
         Whether the border of the image cuts the object; the silhouette goes on beyond it then.
+    camera : str
+        Name of the camera's optical frame where it is known, else empty.
     """
 
     object_id: str
@@ -91,6 +93,7 @@ class StampedView:
     frame_id: str
     view: View
     is_cut: bool = False
+    camera: str = ""
 
 
 @dataclass(frozen=True)
@@ -429,7 +432,7 @@ class ViewDecoder:
         if pose is not None:
             mask, calibration = parts.masks.pop(frame), parts.calibrations.pop(frame)
             if mask is not None:
-                yield self._seen(mask, calibration, pose)
+                yield self._seen(mask, calibration, pose, frame)
 
     def _pose_of(self, parts: Parts, frame: str, stamp: int) -> PoseStamped | None:
         if self._transforms is None:
@@ -439,7 +442,11 @@ class ViewDecoder:
         return PoseStamped(Header(stamp, self._world_frame), pose_from_matrix(world_from_camera))
 
     def _seen(
-        self, mask: PackedMask, calibration: Calibration | MessageError, pose: PoseStamped
+        self,
+        mask: PackedMask,
+        calibration: Calibration | MessageError,
+        pose: PoseStamped,
+        camera: str,
     ) -> Event:
         header = pose.header
         try:
@@ -455,7 +462,7 @@ class ViewDecoder:
         except MomrecError as error:
             return _rejected("", error, header.stamp)
         self._world_frame = header.frame_id
-        return StampedView("", header.stamp, header.frame_id, view, is_cut)
+        return StampedView("", header.stamp, header.frame_id, view, is_cut, camera)
 
     def _explained(self, key: Key, parts: Parts) -> Iterator[Rejected]:
         """Tell of parts that are given up what was missing."""

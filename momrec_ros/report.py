@@ -32,13 +32,15 @@ __all__ = [
 NEAREST_CLASSES = 5  # of the others are in a table about one more class
 
 
-def json_line(result: ObjectResult) -> str:
+def json_line(result: ObjectResult, cut_views: int = 0) -> str:
     """Describe a result for programs.
 
     Parameters
     ----------
     result : ObjectResult
         Of a finished object.
+    cut_views : int
+        Views used in which the border of the image cuts the object.
 
     Returns
     -------
@@ -46,9 +48,9 @@ def json_line(result: ObjectResult) -> str:
         One JSON object without a line break: object, label, known, distance, score, views,
         slices, area (m^2), volume (m^3), scale (world to canonical, 1/m), position [x, y, z]
         (m) and orientation [x, y, z, w] of the principal frame in the world, unique_frame,
-        rejected_views, contradicting_views (of these), coverage_mean, coverage_worst (share of
-        the used silhouettes that the mesh covers again). Without a model label is "unknown",
-        distance and score are null.
+        rejected_views, contradicting_views (of these), cut_views, coverage_mean, coverage_worst
+        (share of the used silhouettes that the mesh covers again). Without a model label is
+        "unknown", distance and score are null.
     """
     recognition, canonical = result.recognition, result.canonical
     pose = pose_from_matrix(canonical.principal_frame)
@@ -69,6 +71,7 @@ def json_line(result: ObjectResult) -> str:
             "unique_frame": bool(canonical.is_unique),
             "rejected_views": result.rejected_views,
             "contradicting_views": len(result.left_out),
+            "cut_views": cut_views,
             "coverage_mean": float(result.coverage.mean()),
             "coverage_worst": float(result.coverage.min()),
         },

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from momrec_core.camera import Camera
-from momrec_core.errors import InvalidContourError, MomrecError
+from momrec_core.errors import InvalidCameraError, InvalidContourError, MomrecError
 from momrec_core.silhouette import silhouettes_of_mesh
 from momrec_core.simulation import noisy_view, random_rotation
 from momrec_core.view import View
@@ -289,11 +289,11 @@ def views_by(
     Raises
     ------
     InvalidCameraError, DegenerateShapeError
-        As of `silhouettes_of_mesh`.
+        As of `silhouettes_of_mesh`; the former tells the mesh's size.
     """
     imagers = list(imagers)
     views = silhouettes_of_mesh(mesh, [imager.camera for imager in imagers])
-    for imager, exact in zip(imagers, views, strict=True):
+    for imager, exact in zip(imagers, _before_cameras(views, mesh), strict=True):
         view = noisy_view(exact, noise, rng) if noise > 0 else exact
         if imager.size is None:
             yield view
@@ -307,3 +307,14 @@ def views_by(
             continue
         silhouette = hull_silhouette(contours, margin=MARGIN.default)
         yield View(view.camera, shapely.transform(silhouette, imager.from_pixels))
+
+
+def _before_cameras(views: Iterator[View], mesh: trimesh.Trimesh) -> Iterator[View]:
+    """Pass views on; where the mesh is not before the cameras, its unit is most often why."""
+    try:
+        yield from views
+    except InvalidCameraError as error:
+        raise InvalidCameraError(
+            f"Expected an object that fits before the cameras, got one of {mesh.scale:.3g} m "
+            f"(--unit tells what one unit of its file is): {error}"
+        ) from error

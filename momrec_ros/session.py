@@ -128,7 +128,7 @@ class _Tracked:
     stamp: int
     frame_id: str
     views: dict[tuple[int, bytes], None] = field(default_factory=dict)
-    stamps: dict[View, int] = field(default_factory=dict)
+    events: dict[View, StampedView] = field(default_factory=dict)
     told: set[View] = field(default_factory=set)  # that they are left out
     cut: set[View] = field(default_factory=set)  # by the border of the image
 
@@ -267,7 +267,7 @@ class Session:
         del self._changed[object_id]
         tracked = self._tracked[object_id]
         result = self._recognizer.result(object_id)
-        self._tell_left_out(object_id, tracked, result)
+        self._tell_left_out(tracked, result)
         cut = tracked.cut.intersection(result.hull.views)
         return Result(result, tracked.stamp, tracked.frame_id, len(cut))
 
@@ -282,7 +282,7 @@ class Session:
             return
         object_id = event.object_id
         tracked = self._tracked[object_id]
-        tracked.stamps[event.view] = event.stamp
+        tracked.events[event.view] = event
         if event.is_cut:
             tracked.cut.add(event.view)
         try:
@@ -290,9 +290,9 @@ class Session:
         except EmptyHullError as error:
             self._changed[object_id] = None  # such views may have become the majority
             tracked.told.add(event.view)
-            self._lose(object_id, event.stamp, str(error), Reason.CONTRADICTION)
+            self._lose_view(event, str(error), Reason.CONTRADICTION)
         except MomrecError as error:
-            self._lose(object_id, event.stamp, str(error), Reason.EXCESS)
+            self._lose_view(event, str(error), Reason.EXCESS)
         else:
             self._tally.used += 1
             self._tally.cut += event.is_cut
@@ -313,13 +313,13 @@ class Session:
             del tracked.views[next(iter(tracked.views))]
         return False
 
-    def _tell_left_out(self, object_id: str, tracked: _Tracked, result: ObjectResult) -> None:
+    def _tell_left_out(self, tracked: _Tracked, result: ObjectResult) -> None:
         """Tell, and count, which views a result leaves out or uses again."""
         left_out = set(result.left_out)
         again = tracked.told.intersection(result.hull.views)
         for view in result.left_out:
             if view not in tracked.told:
-                self._lose(object_id, tracked.stamps[view], CONTRADICTS, Reason.CONTRADICTION)
+                self._lose_view(tracked.events[view], CONTRADICTS, Reason.CONTRADICTION)
                 self._tally.used -= 1
         if again:
             self._tally.used += len(again)
@@ -327,7 +327,7 @@ class Session:
         tracked.told = left_out
         live = left_out.union(result.hull.views)
         tracked.cut &= live
-        tracked.stamps = {view: at for view, at in tracked.stamps.items() if view in live}
+        tracked.events = {view: event for view, event in tracked.events.items() if view in live}
 
     def _end(self, object_id: str, cause: Cause) -> None:
         if object_id in self._changed:
@@ -341,10 +341,21 @@ class Session:
         self._outcomes.append(Ended(object_id, cause))
 
     def _lose(self, object_id: str, stamp: int, why: str, reason: Reason) -> None:
-        self._tally.rejected[reason] += 1
-        what = f"view of object {object_id!r} at {stamp / NANOSECONDS:.3f} s"
+        what = _seen_at(object_id, stamp)
         if reason is Reason.PAIR:
             what = "half a view"
         elif not (object_id or stamp):
             what = "message"
+        self._leave_out(what, why, reason)
+
+    def _lose_view(self, event: StampedView, why: str, reason: Reason) -> None:
+        by_whom = f" by {event.camera!r}" if event.camera else ""
+        self._leave_out(_seen_at(event.object_id, event.stamp) + by_whom, why, reason)
+
+    def _leave_out(self, what: str, why: str, reason: Reason) -> None:
+        self._tally.rejected[reason] += 1
         self._outcomes.append(Lost(f"{what} left out: {why}", reason))
+
+
+def _seen_at(object_id: str, stamp: int) -> str:
+    return f"view of object {object_id!r} at {stamp / NANOSECONDS:.3f} s"
