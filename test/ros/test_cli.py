@@ -46,6 +46,7 @@ KEYS = [
     "unique_frame",
     "rejected_views",
     "contradicting_views",
+    "cut_views",
     "coverage_mean",
     "coverage_worst",
 ]

@@ -82,6 +82,10 @@ def test_the_shipped_bag_gives_in_the_graph_what_its_replay_gives(graph):
     inboxes = {name: graph.listen(name, kind, raw=True) for name, kind in TYPES.items()}
     health = graph.listen_health()
     publisher = graph.start_publisher()
+    graph.until(
+        lambda: all(graph.node.count_publishers(f"/recognizer/{name}") for name in TYPES),
+        "the outputs, so that no listener comes late",
+    )
     for data in recorded():
         publisher.publish(data)
     expected = replayed()
@@ -95,7 +99,7 @@ def test_the_shipped_bag_gives_in_the_graph_what_its_replay_gives(graph):
     count = graph.until(count_once_all_is_done, "the last results")
     for name, inbox in inboxes.items():
         graph.until(lambda inbox=inbox: len(inbox.messages) == count, name)
-    assert health[-1]["views_rejected"] == "0"
+    graph.await_health(health, views_rejected=0)
     meshes = [deserialize_message(data, Marker) for data in inboxes["mesh"].messages]
     last = {mesh.ns: number for number, mesh in enumerate(meshes)}
     assert sorted(last) == sorted(expected)

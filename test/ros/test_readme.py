@@ -20,16 +20,31 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 
 
+def python_of_readme():
+    return re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
 def test_the_library_in_ten_lines_runs(tmp_path, monkeypatch, capsys):
     (tmp_path / "models").symlink_to(ROOT / "models")
     monkeypatch.chdir(tmp_path)
-    code, _ = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    code, *_ = python_of_readme()
     exec(compile(code, "README.md", "exec"), {})  # noqa: S102
     label, volume, _ = capsys.readouterr().out.split()
     assert label == "unknown"
     polygon = 16 * 0.1**2 * np.tan(np.pi / 16)  # eight strips around a circle
     assert float(volume) == pytest.approx(0.4 * polygon, rel=0.01)
     assert (tmp_path / "part.ply").is_file()
+
+
+def test_a_mask_becomes_a_view_with_the_lens_undone():
+    _, code, *_ = python_of_readme()
+    mask = np.zeros((480, 640), dtype=bool)
+    mask[100:300, 200:400] = True
+    K = np.array([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]])
+    names = {"K": K, "mask": mask, "pose": np.eye(4)}
+    exec(compile(code, "README.md", "exec"), names)  # noqa: S102
+    area = names["view"].silhouette.area
+    assert 1.02 * mask.sum() < area < 1.05 * mask.sum()  # a barrel's image is too small
 
 
 def test_the_shipped_bag_is_what_the_command_makes(tmp_path):
