@@ -58,11 +58,13 @@ def contradicting_views(views: Sequence[View], most: int) -> tuple[int, ...]:
     most = min(most, len(views) // QUORUM)
     if most < 1:
         return ()
-    fine = _sightlines(views, FINE)
+    lines, coarse = _sightlines(views, FINE), None
     everyone = np.ones(len(views), dtype=np.bool_)
-    is_noisy = np.median(_suspicions(fine, everyone)) > NOISY
-    coarse = _sightlines(views, COARSE) if is_noisy else None
-    suspects, rounds = _accused(coarse or fine, len(views), most)
+    suspicions = _suspicions(lines, everyone)
+    if np.median(suspicions) > NOISY:
+        lines = coarse = _sightlines(views, COARSE)
+        suspicions = _suspicions(lines, everyone)
+    suspects, rounds = _accused(lines, suspicions, most)
     for count in range(len(suspects), 0, -1):
         if _stand_out(suspects[:count], rounds):
             coarse = coarse or _sightlines(views, COARSE)
@@ -72,13 +74,16 @@ def contradicting_views(views: Sequence[View], most: int) -> tuple[int, ...]:
 
 
 def _accused(
-    lines: Sequence[Sightlines], count: int, most: int
+    lines: Sequence[Sightlines], suspicions: NDArray[np.float64], most: int
 ) -> tuple[list[int], list[NDArray[np.float64]]]:
-    """Return views under suspicion, the worst first, and the suspicions before and after each."""
-    harmless = HARMLESS + HARMLESS_PER_VIEW * min(count, MOST_OUTLINES)
-    used = np.ones(count, dtype=np.bool_)
+    """Return views under suspicion, the worst first, and the suspicions before and after each.
+
+    The first suspicions are those with all views in use.
+    """
+    harmless = HARMLESS + HARMLESS_PER_VIEW * min(len(suspicions), MOST_OUTLINES)
+    used = np.ones(len(suspicions), dtype=np.bool_)
     suspects: list[int] = []
-    rounds = [_suspicions(lines, used)]
+    rounds = [suspicions]
     while len(suspects) < most and rounds[-1].max() > harmless:
         suspects.append(int(rounds[-1].argmax()))
         used[suspects[-1]] = False
@@ -124,6 +129,7 @@ def _suspicions_at(lines: Sightlines, used: NDArray[np.bool_]) -> NDArray[np.flo
 
 
 def _stand_out(suspects: Sequence[int], rounds: Sequence[NDArray[np.float64]]) -> bool:
+    """Tell whether each suspect was above all views that stay, with it and without all of them."""
     left = rounds[len(suspects)].max()
     for suspect, suspicions in zip(suspects, rounds, strict=False):
         others = np.delete(suspicions, suspects).max()

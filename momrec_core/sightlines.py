@@ -148,7 +148,7 @@ class _Outline:
         points = np.concatenate(rings)
         to_unit = np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, size]]) / size
         return cls(
-            to_unit @ _projection(view.camera),
+            to_unit @ view.camera.matrix,
             np.column_stack([points, np.ones(len(points))]),
             np.cumsum([len(ring) for ring in rings])[:-1] - 1,
             region,
@@ -259,15 +259,6 @@ def _contains(outline: _Outline, points: NDArray[np.float64]) -> NDArray[np.bool
 
 def _rings(region: shapely.Geometry) -> NDArray[np.object_]:
     return np.asarray(shapely.get_rings(shapely.get_parts(region)))
-
-
-def _projection(camera: Camera) -> NDArray[np.float64]:
-    """Return the matrix from the world to homogeneous image coordinates, shape (3, 4)."""
-    camera_from_world = np.column_stack([camera.rotation.T, -camera.rotation.T @ camera.position])
-    if camera.K is not None:
-        return np.asarray(camera.K @ camera_from_world)
-    camera_from_world[2] = 0.0, 0.0, 0.0, 1.0
-    return camera_from_world
 
 
 def _rays_world(

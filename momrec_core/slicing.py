@@ -19,6 +19,7 @@ from manifold3d import CrossSection
 from numpy.typing import NDArray
 
 from momrec_core.camera import Camera
+from momrec_core.lines import nearest_point_equations
 from momrec_core.rings import Rings, number_within
 from momrec_core.scanning import scan_spans
 from momrec_core.view import View
@@ -224,7 +225,7 @@ def _common_sphere(first: View, second: View) -> tuple[NDArray[np.float64], floa
     views = (first, second)
     directions = np.array([viewing_direction(view) for view in views])
     middles = np.array([_middle_point(view) for view in views])
-    centre = _nearest_to_lines(middles, directions)
+    centre = np.asarray(np.linalg.solve(*nearest_point_equations(middles, directions)))
     sine = np.linalg.norm(np.cross(*directions))
     sizes = sum(_apparent_radius(view, centre) for view in views)
     return centre, float(REGION_FACTOR * sizes / sine)
@@ -261,15 +262,6 @@ def _middle_point(view: View) -> NDArray[np.float64]:
     left, low, right, high = view.silhouette.bounds
     middle = camera.rotation[:, :2] @ ((left + right) / 2, (low + high) / 2)
     return np.asarray(camera.position + middle)
-
-
-def _nearest_to_lines(
-    points: NDArray[np.float64], directions: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the point nearest to lines, in the sense of least squares."""
-    projectors = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    right = np.einsum("nij,nj->i", projectors, points)
-    return np.asarray(np.linalg.solve(projectors.sum(axis=0), right))
 
 
 def _apparent_radius(view: View, centre: NDArray[np.float64]) -> float:

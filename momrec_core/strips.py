@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from momrec_core.camera import Camera
 from momrec_core.rings import Rings
 from momrec_core.view import View
 
@@ -121,7 +120,7 @@ def surface_strips(views: Sequence[View], middle: NDArray[np.float64], spare: in
     numbers = np.unique(np.linspace(0, len(views) - 1, MAX_VIEWS).round().astype(int))
     chosen = [views[number] for number in numbers]
     outlines = _outlines(chosen, middle)
-    matrices = np.array([_image_from_world(view.camera) for view in chosen])
+    matrices = np.array([view.camera.matrix for view in chosen])
     rays, low, high = _bounding_parts(outlines, matrices, spare)
     is_pinhole = np.array([view.camera.is_pinhole for view in chosen])[outlines.views[rays]]
     near, far = (np.maximum(outlines.depths[rays] + ends, 0.0) for ends in (low, high))
@@ -129,15 +128,6 @@ def surface_strips(views: Sequence[View], middle: NDArray[np.float64], spare: in
     normals = np.cross(outlines.directions[rays], outlines.edges[rays])
     widths = np.linalg.norm(normals, axis=1)
     return Strips(normals / widths[:, None], lengths * widths)
-
-
-def _image_from_world(camera: Camera) -> NDArray[np.float64]:
-    """Return the projection of homogeneous points as a matrix, shape (3, 4)."""
-    matrix = np.column_stack([camera.rotation.T, -camera.rotation.T @ camera.position])
-    if camera.K is not None:
-        return np.asarray(camera.K @ matrix)
-    matrix[2] = (0.0, 0.0, 0.0, 1.0)
-    return matrix
 
 
 def _outlines(views: Sequence[View], middle: NDArray[np.float64]) -> _Outlines:

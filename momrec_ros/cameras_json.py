@@ -16,6 +16,7 @@ from PIL import Image
 from shapely import MultiPolygon, Polygon
 
 from momrec_core import Camera, InvalidContourError, MomrecError, View
+from momrec_core.lines import nearest_point_equations
 from momrec_ros.masks import (
     MAX_PIXELS,
     MaskContours,
@@ -398,14 +399,9 @@ def _signs(seen: Sequence[tuple[NDArray[np.float64], shapely.Point]]) -> NDArray
     """Return the sign of each P that puts the point nearest to all central rays before it."""
     if not seen:
         return np.empty(0)
-    normal = np.zeros((3, 3))
-    target = np.zeros(3)
-    for P, centroid in seen:
-        origin, direction = _ray(P, np.array([centroid.x, centroid.y]))
-        across = np.eye(3) - np.outer(direction, direction)
-        normal += across
-        target += across @ origin
-    nearest = np.linalg.lstsq(normal, target, rcond=None)[0]
+    rays = [_ray(P, np.array([centroid.x, centroid.y])) for P, centroid in seen]
+    origins, directions = map(np.array, zip(*rays, strict=True))
+    nearest = np.linalg.lstsq(*nearest_point_equations(origins, directions), rcond=None)[0]
     homogeneous = np.append(nearest, 1.0)
     return np.array([np.copysign(1.0, P[2] @ homogeneous) for P, _ in seen])
 

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from momrec_core.camera import Camera
 from momrec_core.errors import InvalidCameraError, InvalidContourError, MomrecError
+from momrec_core.lines import nearest_point_equations
 from momrec_core.silhouette import silhouettes_of_mesh
 from momrec_core.simulation import noisy_view, random_rotation
 from momrec_core.view import View
@@ -182,12 +183,8 @@ def _fitted(size: tuple[int, int], reach: float) -> NDArray[np.float64]:
 
 
 def _target(imagers: Sequence[Imager]) -> NDArray[np.float64]:
-    normal, right = np.zeros((3, 3)), np.zeros(3)
-    for imager in imagers:
-        origin, direction = _central_ray(imager)
-        across = np.eye(3) - np.outer(direction, direction)
-        normal += across
-        right += across @ origin
+    origins, directions = map(np.array, zip(*map(_central_ray, imagers), strict=True))
+    normal, right = nearest_point_equations(origins, directions)
     if np.linalg.eigvalsh(normal)[0] < PARALLEL * len(imagers):
         raise MomrecError("Expected cameras that look at a place, got parallel central rays")
     return np.asarray(np.linalg.solve(normal, right))

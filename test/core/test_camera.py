@@ -100,3 +100,12 @@ def test_a_matrix_that_is_no_intrinsic_matrix_is_refused(matrix, message):
 def test_parallel_projection_has_no_bundle_of_rays():
     with pytest.raises(InvalidCameraError, match="Expected a pinhole"):
         Camera.orthographic(np.eye(4)).rays_camera([[0.0, 0.0]])
+
+
+@pytest.mark.parametrize("intrinsics", [None, K])
+def test_the_matrix_projects_as_the_camera_does(intrinsics):
+    camera = Camera(pose_of(3), intrinsics)
+    points = np.random.default_rng(3).normal(size=(20, 3))
+    homogeneous = np.column_stack([points, np.ones(20)]) @ camera.matrix.T
+    image = homogeneous[:, :2] / homogeneous[:, 2:]
+    np.testing.assert_allclose(image, camera.project(points)[0], rtol=1e-9)
