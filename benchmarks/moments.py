@@ -9,18 +9,14 @@ machine slows them alike.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
-from time import perf_counter
 
-import numpy as np
 import trimesh
 from rich.console import Console
 from rich.table import Table
+from timing import medians
 
 from momrec_core import load_model, normalize, surface_moments
 from momrec_ros.shared_data import shared_path
-
-MILLISECONDS = 1000.0
 
 
 def main() -> None:
@@ -57,19 +53,6 @@ def torus(sections: int) -> trimesh.Trimesh:
 def fresh(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     """Return the same mesh, of which nothing is computed yet."""
     return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-
-
-def medians(works: Sequence[Callable[[], object]], rounds: int) -> list[float]:
-    """Return the median times of works that take turns, in milliseconds, one turn to warm up."""
-    times = np.array([[seconds(work) for work in works] for _ in range(rounds + 1)])
-    return list(MILLISECONDS * np.median(times[1:], axis=0))
-
-
-def seconds(work: Callable[[], object]) -> float:
-    """Return how long a work takes."""
-    start = perf_counter()
-    work()
-    return perf_counter() - start
 
 
 if __name__ == "__main__":
