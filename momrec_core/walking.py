@@ -16,6 +16,8 @@ __all__ = ["Bands", "walk_bands"]
 
 VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
 DOUBTFUL_MISFIT = 0.15  # bands above are worth the second look
+UNEXPLAINED = 0.1  # misfit beyond the slant, above which agreement is no proof
+AGREEMENT = 0.01  # in misfit, of two walks that found the same
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
 WASTEFUL = 1.3  # times a stepped surface's area: a band above leads nowhere, a slanted one is below
 MAX_GRID = 4_000_000  # cells: bands above keep the greedy walk, so that memory is bounded
@@ -61,9 +63,10 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     From the nearest pair of vertices, the walk takes the shorter of the two diagonals, all bands
     in step (Christiansen and Sederberg). Where a band's area or volume is far from what its
     contours suggest, the greedy walk has crossed a notch or a spike, or the contours slide
-    against each other; there the band of the least area is found by dynamic programming (Fuchs
-    et al.), for the contours as they lie and with their centroids upon each other, and the one
-    that fits best is kept.
+    against each other, or the body is slanted. There a second walk takes the contours with their
+    centroids upon each other, and the one that fits better is kept. Where the two disagree, or
+    the slant does not explain them, the band of the least area is found by dynamic programming
+    (Fuchs et al.), again for the contours in both positions.
 
     References
     ----------
@@ -74,14 +77,10 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     if len(pairs) == 0:
         none = np.empty(0, dtype=np.int64)
         return Bands(none.reshape(0, 3), none, none.astype(bool))
-    walks = _walk(rings, pairs, _nearest(rings, pairs, np.zeros((len(pairs), 2))))
     expected = _Expectations.of(rings, pairs)
-    triangles, bands = walks.triangles(rings)
-    misfits = _misfits(rings.points[triangles], bands, expected)
-    small = rings.counts[pairs].prod(axis=1) <= MAX_GRID
-    doubtful = np.flatnonzero(small & ((misfits > DOUBTFUL_MISFIT) | walks.are_pinched()))
-    kept = ~np.isin(bands, doubtful)
-    parts, numbers = [triangles[kept]], [bands[kept]]
+    walks = _walk(rings, pairs, np.zeros_like(expected.shift))
+    misfits = _misfits(rings, walks, expected)
+    doubtful = np.flatnonzero(misfits > DOUBTFUL_MISFIT)
     if len(doubtful):
         best, owners, misfits[doubtful] = _best_bands(rings, pairs[doubtful], expected[doubtful])
         parts.append(best)
@@ -136,6 +135,26 @@ class _Walks:
     starts: NDArray[np.int64]
     steps: NDArray[np.int64]
     rises: NDArray[np.bool_]
+
+    def __getitem__(self, chosen: NDArray[np.int64]) -> _Walks:
+        places = self._places(chosen)
+        return _Walks(
+            self.pairs[chosen], self.starts[chosen], self.steps[chosen], self.rises[places]
+        )
+
+    def replaced(self, chosen: NDArray[np.int64], others: _Walks) -> _Walks:
+        """Return the walks with others along the same pairs in the places of some."""
+        starts, rises = self.starts.copy(), self.rises.copy()
+        starts[chosen] = others.starts
+        rises[self._places(chosen)] = others.rises
+        return _Walks(self.pairs, starts, self.steps, rises)
+
+    def _places(self, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return where the steps of some walks are."""
+        owners, positions = number_within(self.steps[chosen])
+        first = np.cumsum(self.steps) - self.steps
+        places: NDArray[np.int64] = first[chosen][owners] + positions
+        return places
 
     def triangles(self, rings: Rings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the triangles, as in `Bands`, and the band of each."""
@@ -198,13 +217,13 @@ def _in_step(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
     return order, np.searchsorted(-steps[order], -np.arange(steps.max()))
 
 
-def _walk(rings: Rings, pairs: NDArray[np.int64], starts: NDArray[np.int64]) -> _Walks:
-    """Walk along all bands in step, by shortest diagonals."""
+def _walk(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
+    """Walk along all bands in step, by shortest diagonals, the contours above shifted back."""
+    starts = _nearest(rings, pairs, shifts)
     steps = rings.counts[pairs].sum(axis=1)
     order, active = _in_step(steps)
-    (low, at_low), (high, at_high) = (
-        _unrolled(rings, pairs[order, side], starts[order, side]) for side in (0, 1)
-    )
+    low, at_low = _unrolled(rings, pairs[order, 0], starts[order, 0], np.zeros_like(shifts))
+    high, at_high = _unrolled(rings, pairs[order, 1], starts[order, 1], shifts[order])
     taken = np.empty((len(active), len(pairs)), dtype=bool)
     for step, count in enumerate(active):
         row, column = at_low[:count], at_high[:count]
@@ -220,9 +239,12 @@ def _walk(rings: Rings, pairs: NDArray[np.int64], starts: NDArray[np.int64]) -> 
 
 
 def _unrolled(
-    rings: Rings, chosen: NDArray[np.int64], starts: NDArray[np.int64]
+    rings: Rings,
+    chosen: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    shifts: NDArray[np.float64],
 ) -> tuple[NDArray[np.complex128], NDArray[np.int64]]:
-    """Return paths around contours as complex numbers, one behind the other.
+    """Return paths around contours, shifted back, as complex numbers, one behind the other.
 
     Each ends where it starts, and is followed by a point at infinity, which no diagonal reaches.
 
@@ -235,7 +257,8 @@ def _unrolled(
     counts = rings.counts[chosen] + 2
     owners, positions = number_within(counts)
     vertices = rings.first[chosen][owners] + (starts[owners] + positions) % (counts[owners] - 2)
-    paths = rings.points[vertices, 0] + 1j * rings.points[vertices, 1]
+    x, y = (rings.points[vertices, :2] - shifts[owners]).T
+    paths = x + 1j * y
     ends = np.cumsum(counts)
     paths[ends - 1] = np.inf
     return paths, ends - counts
@@ -292,13 +315,14 @@ class _Expectations:
         )
 
 
-def _misfits(
-    corners: NDArray[np.float64], bands: NDArray[np.int64], expected: _Expectations
-) -> NDArray[np.float64]:
+def _misfits(rings: Rings, walks: _Walks, expected: _Expectations) -> NDArray[np.float64]:
     """Return, per band, how much area and volume exceed or miss what is expected, relatively.
 
-    The volume is the flux of (0, 0, z) through the band and the caps at both ends.
+    The volume is the flux of (0, 0, z) through the band and the caps at both ends. A pinched band
+    fits nothing.
     """
+    triangles, bands = walks.triangles(rings)
+    corners = rings.points[triangles]
     (x1, y1, z1), (x2, y2, z2) = (corners[:, 1:] - corners[:, :1]).transpose(1, 2, 0)
     upward = (x1 * y2 - y1 * x2) / 2
     aside = np.hypot(y1 * z2 - z1 * y2, z1 * x2 - x1 * z2) / 2
@@ -306,23 +330,39 @@ def _misfits(
     fluxes = np.bincount(bands, weights=corners[:, :, 2].mean(axis=1) * upward)
     excess = np.maximum(areas / expected.area - 1, 0.0)
     lack = np.abs((fluxes + expected.base) / expected.volume - 1)
-    return np.asarray(excess + VOLUME_WEIGHT * lack)
+    return np.where(walks.are_pinched(), np.inf, excess + VOLUME_WEIGHT * lack)
 
 
-def _best_bands(
-    rings: Rings, pairs: NDArray[np.int64], expected: _Expectations
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the best of the least bands between contours, their bands, and their misfits."""
-    shifts = np.concatenate([np.zeros_like(expected.shift), expected.shift])
-    triangles, bands = _least_walks(rings, np.tile(pairs, (2, 1)), shifts).triangles(rings)
-    misfits = _misfits(
-        rings.points[triangles], bands, expected[np.arange(2 * len(pairs)) % len(pairs)]
-    )
-    first, second = triangles.reshape(2, -1, 3)
-    owners = bands[: len(first)]
-    misfits, others = misfits.reshape(2, -1)
-    best = np.where((misfits <= others)[owners, None], first, second)
-    return best, owners, np.minimum(misfits, others)
+def _second_look(
+    rings: Rings, walks: _Walks, misfits: NDArray[np.float64], expected: _Expectations
+) -> tuple[_Walks, NDArray[np.float64]]:
+    """Return walks that fit better where there are some, and their misfits."""
+    others = _walk(rings, walks.pairs, expected.shift)
+    other_misfits = _misfits(rings, others, expected)
+    with np.errstate(invalid="ignore"):  # two pinched bands do not agree
+        is_agreed = np.abs(other_misfits - misfits) < AGREEMENT
+    walks, misfits = _better(walks, misfits, others, other_misfits)
+    is_small = rings.counts[walks.pairs].prod(axis=1) <= MAX_GRID
+    is_explained = misfits < UNEXPLAINED + expected.slant
+    contested = np.flatnonzero(is_small & ~(is_agreed & is_explained))
+    if len(contested):
+        pairs, shifts = walks.pairs[contested], expected.shift[contested]
+        least = [_least_walks(rings, pairs, moved) for moved in (np.zeros_like(shifts), shifts)]
+        judged = [(found, _misfits(rings, found, expected[contested])) for found in least]
+        best, misfits[contested] = _better(*judged[0], *judged[1])
+        walks = walks.replaced(contested, best)
+    return walks, misfits
+
+
+def _better(
+    walks: _Walks,
+    misfits: NDArray[np.float64],
+    others: _Walks,
+    other_misfits: NDArray[np.float64],
+) -> tuple[_Walks, NDArray[np.float64]]:
+    """Return the better of two walks along each pair, and its misfit."""
+    chosen = np.flatnonzero(other_misfits < misfits)
+    return walks.replaced(chosen, others[chosen]), np.minimum(misfits, other_misfits)
 
 
 def _least_walks(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
