@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from momrec_core.rings import Rings, number_within
 
@@ -60,7 +59,7 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
 
     Notes
     -----
-    From the nearest pair of vertices, the walk takes the shorter of the two diagonals, all bands
+    From a near pair of vertices, the walk takes the shorter of the two diagonals, all bands
     in step (Christiansen and Sederberg). Where a band's area or volume is far from what its
     contours suggest, the greedy walk has crossed a notch or a spike, or the contours slide
     against each other, or the body is slanted. There a second walk takes the contours with their
@@ -178,29 +177,30 @@ class _Walks:
         return np.asarray(falls == 1)
 
 
-def _nearest(
+def _starts(
     rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Return at which vertices two contours are nearest to each other, the one above shifted back.
+    """Return where walks along two contours begin, the one above shifted back.
 
-    One tree holds all contours above, each in a plane of its own and out of the others' reach.
+    It is the nearest pair of a few vertices of the contour below and all above.
 
     Returns
     -------
     starts : array of int, shape (bands, 2)
         Places in the contours, from 0.
     """
-    low, low_bands = rings.around(pairs[:, 0])
-    high, high_bands = rings.around(pairs[:, 1])
-    above = rings.points[high, :2] - shifts[high_bands]
-    below = rings.points[low, :2]
-    reach = 2 * np.ptp(np.concatenate([below, above]), axis=0).sum() + 1
-    layered = np.column_stack([above, reach * high_bands])
-    tree = KDTree(layered, balanced_tree=False)  # split between the planes, not at medians
-    distances, partners = tree.query(np.column_stack([below, reach * low_bands]))
-    order = np.lexsort([distances, low_bands])
-    best = order[np.searchsorted(low_bands, np.arange(len(pairs)))]
-    return np.column_stack([low[best], high[partners[best]]]) - rings.first[pairs]
+    low, high = pairs.T
+    places = rings.counts[low] * np.arange(CANDIDATES)[:, None] // CANDIDATES
+    candidates = rings.points[rings.first[low] + places, :2] + shifts
+    above, bands = rings.around(high)
+    x, y = (candidates[:, bands] - rings.points[above, :2]).transpose(2, 0, 1)
+    squares = x * x + y * y
+    first = np.searchsorted(bands, np.arange(len(pairs)))
+    best = np.minimum.reduceat(squares, first, axis=1).argmin(axis=0)
+    of_best = squares[best[bands], np.arange(len(bands))]
+    nearest = np.flatnonzero(of_best == np.minimum.reduceat(of_best, first)[bands])
+    nearest = nearest[np.searchsorted(bands[nearest], np.arange(len(pairs)))]
+    return np.column_stack([places[best, np.arange(len(pairs))], nearest - first])
 
 
 def _in_step(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -219,7 +219,7 @@ def _in_step(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
 
 def _walk(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
     """Walk along all bands in step, by shortest diagonals, the contours above shifted back."""
-    starts = _nearest(rings, pairs, shifts)
+    starts = _starts(rings, pairs, shifts)
     steps = rings.counts[pairs].sum(axis=1)
     order, active = _in_step(steps)
     low, at_low = _unrolled(rings, pairs[order, 0], starts[order, 0], np.zeros_like(shifts))
@@ -347,8 +347,11 @@ def _second_look(
     contested = np.flatnonzero(is_small & ~(is_agreed & is_explained))
     if len(contested):
         pairs, shifts = walks.pairs[contested], expected.shift[contested]
-        least = [_least_walks(rings, pairs, moved) for moved in (np.zeros_like(shifts), shifts)]
-        judged = [(found, _misfits(rings, found, expected[contested])) for found in least]
+        both = _least_walks(
+            rings, np.tile(pairs, (2, 1)), np.concatenate([np.zeros_like(shifts), shifts])
+        )
+        least = np.arange(2 * len(pairs)).reshape(2, -1)
+        judged = [(both[half], _misfits(rings, both[half], expected[contested])) for half in least]
         best, misfits[contested] = _better(*judged[0], *judged[1])
         walks = walks.replaced(contested, best)
     return walks, misfits
@@ -367,7 +370,7 @@ def _better(
 
 def _least_walks(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
     """Find the bands of the least area, with the contours above shifted back."""
-    starts = _nearest(rings, pairs, shifts)
+    starts = _starts(rings, pairs, shifts)
     counts = rings.counts[pairs]
     steps = counts.sum(axis=1)
     first = np.cumsum(steps) - steps
