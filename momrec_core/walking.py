@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 
+from momrec_core._bands import greedy, least
 from momrec_core.rings import Rings, number_within
 
 __all__ = ["Bands", "walk_bands"]
+
+_Way = Callable[..., None]
 
 VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
 DOUBTFUL_MISFIT = 0.15  # bands above are worth the second look
@@ -77,8 +80,8 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
         none = np.empty(0, dtype=np.int64)
         return Bands(none.reshape(0, 3), none, none.astype(bool))
     expected = _Expectations.of(rings, pairs)
-    walks = _walk(rings, pairs, np.zeros_like(expected.shift))
-    misfits = _misfits(rings, walks, expected)
+    walks = _walk(rings, pairs, np.zeros_like(expected.shift), greedy)
+    misfits = _misfits(walks, expected)
     doubtful = np.flatnonzero(misfits > DOUBTFUL_MISFIT)
     if len(doubtful):
         best, owners, misfits[doubtful] = _best_bands(rings, pairs[doubtful], expected[doubtful])
@@ -128,25 +131,34 @@ class _Walks:
         How many steps each walk has: the number of edges of both contours.
     rises : array of bool, shape (sum of steps,)
         Walk by walk, True for a step below and False for one above.
+    measures : array, shape (bands, 2)
+        Each band's area, infinite for one that is pinched (it goes around one contour in one go,
+        and so uses an edge across twice), and the flux of (0, 0, z) upward through it.
     """
 
     pairs: NDArray[np.int64]
     starts: NDArray[np.int64]
     steps: NDArray[np.int64]
     rises: NDArray[np.bool_]
+    measures: NDArray[np.float64]
 
     def __getitem__(self, chosen: NDArray[np.int64]) -> _Walks:
         places = self._places(chosen)
         return _Walks(
-            self.pairs[chosen], self.starts[chosen], self.steps[chosen], self.rises[places]
+            self.pairs[chosen],
+            self.starts[chosen],
+            self.steps[chosen],
+            self.rises[places],
+            self.measures[chosen],
         )
 
     def replaced(self, chosen: NDArray[np.int64], others: _Walks) -> _Walks:
         """Return the walks with others along the same pairs in the places of some."""
-        starts, rises = self.starts.copy(), self.rises.copy()
+        starts, rises, measures = self.starts.copy(), self.rises.copy(), self.measures.copy()
         starts[chosen] = others.starts
         rises[self._places(chosen)] = others.rises
-        return _Walks(self.pairs, starts, self.steps, rises)
+        measures[chosen] = others.measures
+        return _Walks(self.pairs, starts, self.steps, rises, measures)
 
     def _places(self, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return where the steps of some walks are."""
@@ -168,100 +180,16 @@ class _Walks:
         third = rings.following[np.where(self.rises, *corners)]
         return np.column_stack([corners[0], third, corners[1]]), bands
 
-    def are_pinched(self) -> NDArray[np.bool_]:
-        """Tell which walks go around one contour in one go, and so use an edge across twice."""
-        ends = np.cumsum(self.steps)
-        following = np.roll(self.rises, -1)
-        following[ends - 1] = self.rises[ends - self.steps]
-        falls = np.add.reduceat(self.rises & ~following, ends - self.steps, dtype=np.int64)
-        return np.asarray(falls == 1)
 
-
-def _starts(
-    rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]
-) -> NDArray[np.int64]:
-    """Return where walks along two contours begin, the one above shifted back.
-
-    It is the nearest pair of a few vertices of the contour below and all above.
-
-    Returns
-    -------
-    starts : array of int, shape (bands, 2)
-        Places in the contours, from 0.
-    """
-    low, high = pairs.T
-    places = rings.counts[low] * np.arange(CANDIDATES)[:, None] // CANDIDATES
-    candidates = rings.points[rings.first[low] + places, :2] + shifts
-    above, bands = rings.around(high)
-    x, y = (candidates[:, bands] - rings.points[above, :2]).transpose(2, 0, 1)
-    squares = x * x + y * y
-    first = np.searchsorted(bands, np.arange(len(pairs)))
-    best = np.minimum.reduceat(squares, first, axis=1).argmin(axis=0)
-    of_best = squares[best[bands], np.arange(len(bands))]
-    nearest = np.flatnonzero(of_best == np.minimum.reduceat(of_best, first)[bands])
-    nearest = nearest[np.searchsorted(bands[nearest], np.arange(len(pairs)))]
-    return np.column_stack([places[best, np.arange(len(pairs))], nearest - first])
-
-
-def _in_step(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Order walks so that, at each step, those not yet at their ends are the first ones.
-
-    Returns
-    -------
-    order : array of int, shape (bands,)
-        The longest walks first.
-    active : array of int, shape (longest walk,)
-        How many of them take each step.
-    """
-    order = np.argsort(-steps, kind="stable")
-    return order, np.searchsorted(-steps[order], -np.arange(steps.max()))
-
-
-def _walk(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
-    """Walk along all bands in step, by shortest diagonals, the contours above shifted back."""
-    starts = _starts(rings, pairs, shifts)
+def _walk(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64], how: _Way) -> _Walks:
+    """Walk along all pairs of contours, those above shifted back."""
     steps = rings.counts[pairs].sum(axis=1)
-    order, active = _in_step(steps)
-    low, at_low = _unrolled(rings, pairs[order, 0], starts[order, 0], np.zeros_like(shifts))
-    high, at_high = _unrolled(rings, pairs[order, 1], starts[order, 1], shifts[order])
-    taken = np.empty((len(active), len(pairs)), dtype=bool)
-    for step, count in enumerate(active):
-        row, column = at_low[:count], at_high[:count]
-        rises = np.less_equal(
-            np.abs(low[row + 1] - high[column]),
-            np.abs(low[row] - high[column + 1]),
-            out=taken[step, :count],
-        )
-        row += rises
-        column += ~rises
-    bands, positions = number_within(steps)
-    return _Walks(pairs, starts, steps, taken[positions, np.argsort(order)[bands]])
-
-
-def _unrolled(
-    rings: Rings,
-    chosen: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    shifts: NDArray[np.float64],
-) -> tuple[NDArray[np.complex128], NDArray[np.int64]]:
-    """Return paths around contours, shifted back, as complex numbers, one behind the other.
-
-    Each ends where it starts, and is followed by a point at infinity, which no diagonal reaches.
-
-    Returns
-    -------
-    paths : array of complex
-    first : array of int, shape (contours,)
-        Where each path begins.
-    """
-    counts = rings.counts[chosen] + 2
-    owners, positions = number_within(counts)
-    vertices = rings.first[chosen][owners] + (starts[owners] + positions) % (counts[owners] - 2)
-    x, y = (rings.points[vertices, :2] - shifts[owners]).T
-    paths = x + 1j * y
-    ends = np.cumsum(counts)
-    paths[ends - 1] = np.inf
-    return paths, ends - counts
+    starts = np.empty_like(pairs)
+    rises = np.empty(steps.sum(), dtype=bool)
+    measures = np.empty((len(pairs), 2))
+    points, first = np.ascontiguousarray(rings.points), np.ascontiguousarray(rings.first)
+    how(points, first, np.ascontiguousarray(pairs), shifts, starts, rises, measures)
+    return _Walks(pairs, starts, steps, rises, measures)
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,46 +243,38 @@ class _Expectations:
         )
 
 
-def _misfits(rings: Rings, walks: _Walks, expected: _Expectations) -> NDArray[np.float64]:
+def _misfits(walks: _Walks, expected: _Expectations) -> NDArray[np.float64]:
     """Return, per band, how much area and volume exceed or miss what is expected, relatively.
 
     The volume is the flux of (0, 0, z) through the band and the caps at both ends. A pinched band
     fits nothing.
     """
-    triangles, bands = walks.triangles(rings)
-    corners = rings.points[triangles]
-    (x1, y1, z1), (x2, y2, z2) = (corners[:, 1:] - corners[:, :1]).transpose(1, 2, 0)
-    upward = (x1 * y2 - y1 * x2) / 2
-    aside = np.hypot(y1 * z2 - z1 * y2, z1 * x2 - x1 * z2) / 2
-    areas = np.bincount(bands, weights=np.hypot(upward, aside))
-    fluxes = np.bincount(bands, weights=corners[:, :, 2].mean(axis=1) * upward)
+    areas, fluxes = walks.measures.T
     excess = np.maximum(areas / expected.area - 1, 0.0)
     lack = np.abs((fluxes + expected.base) / expected.volume - 1)
-    return np.where(walks.are_pinched(), np.inf, excess + VOLUME_WEIGHT * lack)
+    return np.asarray(excess + VOLUME_WEIGHT * lack)
 
 
 def _second_look(
     rings: Rings, walks: _Walks, misfits: NDArray[np.float64], expected: _Expectations
 ) -> tuple[_Walks, NDArray[np.float64]]:
     """Return walks that fit better where there are some, and their misfits."""
-    others = _walk(rings, walks.pairs, expected.shift)
-    other_misfits = _misfits(rings, others, expected)
+    others = _walk(rings, walks.pairs, expected.shift, greedy)
+    other_misfits = _misfits(others, expected)
     with np.errstate(invalid="ignore"):  # two pinched bands do not agree
         is_agreed = np.abs(other_misfits - misfits) < AGREEMENT
     walks, misfits = _better(walks, misfits, others, other_misfits)
     is_small = rings.counts[walks.pairs].prod(axis=1) <= MAX_GRID
     is_explained = misfits < UNEXPLAINED + expected.slant
     contested = np.flatnonzero(is_small & ~(is_agreed & is_explained))
-    if len(contested):
-        pairs, shifts = walks.pairs[contested], expected.shift[contested]
-        both = _least_walks(
-            rings, np.tile(pairs, (2, 1)), np.concatenate([np.zeros_like(shifts), shifts])
-        )
-        least = np.arange(2 * len(pairs)).reshape(2, -1)
-        judged = [(both[half], _misfits(rings, both[half], expected[contested])) for half in least]
-        best, misfits[contested] = _better(*judged[0], *judged[1])
-        walks = walks.replaced(contested, best)
-    return walks, misfits
+    pairs, own = walks.pairs[contested], expected[contested]
+    lying, together = (
+        _walk(rings, pairs, shifts, least) for shifts in (np.zeros_like(own.shift), own.shift)
+    )
+    best, misfits[contested] = _better(
+        lying, _misfits(lying, own), together, _misfits(together, own)
+    )
+    return walks.replaced(contested, best), misfits
 
 
 def _better(
@@ -366,109 +286,3 @@ def _better(
     """Return the better of two walks along each pair, and its misfit."""
     chosen = np.flatnonzero(other_misfits < misfits)
     return walks.replaced(chosen, others[chosen]), np.minimum(misfits, other_misfits)
-
-
-def _least_walks(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
-    """Find the bands of the least area, with the contours above shifted back."""
-    starts = _starts(rings, pairs, shifts)
-    counts = rings.counts[pairs]
-    steps = counts.sum(axis=1)
-    first = np.cumsum(steps) - steps
-    rises = np.empty(steps.sum(), dtype=bool)
-    for batch in _batches(counts):
-        low, high = (_padded(rings, pairs[batch, side], starts[batch, side]) for side in (0, 1))
-        high[..., :2] -= shifts[batch]
-        owners, positions = number_within(steps[batch])
-        rises[first[batch][owners] + positions] = _least_rises(low, high, counts[batch])
-    walks = _Walks(pairs, starts, steps, rises)
-    for band in np.flatnonzero(walks.are_pinched()):
-        _unpinch(rises[first[band] : first[band] + steps[band]])
-    return walks
-
-
-def _batches(counts: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-    """Divide bands into batches of similar size that keep memory bounded."""
-    octaves = np.ceil(np.log2(counts.max(axis=1))).astype(np.int64)
-    for octave in np.unique(octaves):
-        members = np.flatnonzero(octaves == octave)
-        parts = -(-len(members) * 4 ** int(octave) // MAX_GRID)
-        yield from np.array_split(members, min(parts, len(members)))
-
-
-def _padded(
-    rings: Rings, chosen: NDArray[np.int64], starts: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Return paths around contours from their starts and back, shape (longest, contours, 3)."""
-    counts = rings.counts[chosen]
-    places = (starts + np.arange(counts.max() + 1)[:, None]) % counts
-    return np.asarray(rings.points[rings.first[chosen] + places])
-
-
-def _least_rises(
-    low: NDArray[np.float64], high: NDArray[np.float64], counts: NDArray[np.int64]
-) -> NDArray[np.bool_]:
-    """Find the bands of the least area between pairs of closed paths that start side by side.
-
-    Row i, column j of a band's table is the least area up to step i below and j above. A row
-    follows from the one before at once, as the least of all ways to step up and then along.
-
-    Parameters
-    ----------
-    low, high : array, shape (longest path, bands, 3)
-        The paths, ending where they start; what comes behind has no bearing.
-    counts : array of int, shape (bands, 2)
-        Number of edges of each path.
-
-    Returns
-    -------
-    rises : array of bool, shape (sum of counts,)
-        Band by band, True for a step along the path below and False for one above.
-    """
-    rises = _areas_over_edges(low, high)
-    runs = _areas_over_edges(high, low).transpose(2, 1, 0)
-    least = np.zeros((len(low), low.shape[1], len(high)))
-    np.cumsum(runs, axis=2, out=least[:, :, 1:])
-    for row in range(1, len(low)):
-        step_up = least[row - 1] + rises[row - 1] - least[row]
-        least[row] += np.minimum.accumulate(step_up, axis=1)
-    is_rise = np.zeros(least.shape, dtype=bool)
-    is_rise[1:, :, 0] = True
-    is_rise[1:, :, 1:] = least[:-1, :, 1:] + rises[:, :, 1:] <= least[1:, :, :-1] + runs[1:]
-    return _trace_back(is_rise, counts)
-
-
-def _areas_over_edges(
-    paths: NDArray[np.float64], apexes: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the areas of triangles over each edge of paths to apexes of another plane.
-
-    Returns
-    -------
-    areas : array, shape (edges, bands, apexes)
-    """
-    x, y, _ = np.diff(paths, axis=0).transpose(2, 0, 1)[..., None]
-    apex_x, apex_y, top = apexes.transpose(2, 1, 0)
-    beside = x * apex_y - y * apex_x - (x * paths[:-1, :, 1:2] - y * paths[:-1, :, :1])
-    upright = (top[:, :1] - paths[0, :, 2:]) * np.hypot(x, y)
-    return np.asarray(np.sqrt(beside**2 + upright**2) / 2)
-
-
-def _trace_back(is_rise: NDArray[np.bool_], counts: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Follow the least ways back through their tables, shape (rows, bands, columns)."""
-    _, bands, columns = is_rise.shape
-    steps = counts.sum(axis=1)
-    order, active = _in_step(steps)
-    cells = ((counts[:, 0] * bands + np.arange(bands)) * columns + counts[:, 1])[order]
-    taken = np.empty((len(active), bands), dtype=bool)
-    for step, count in enumerate(active):
-        cell = cells[:count]
-        taken[step, :count] = is_rise.ravel()[cell]
-        cell -= np.where(taken[step, :count], bands * columns, 1)
-    owners, positions = number_within(steps)
-    return np.asarray(taken[steps[owners] - 1 - positions, np.argsort(order)[owners]])
-
-
-def _unpinch(rises: NDArray[np.bool_]) -> None:
-    """Exchange two steps of a walk that goes around one contour in one go."""
-    turn = np.flatnonzero(rises[1:] != rises[:-1])[0]
-    rises[[turn, turn + 1]] = rises[[turn + 1, turn]]

@@ -1,0 +1,23 @@
+import numpy as np
+from numpy.typing import NDArray
+
+def greedy(
+    points: NDArray[np.float64],
+    first: NDArray[np.int64],
+    pairs: NDArray[np.int64],
+    shifts: NDArray[np.float64],
+    starts: NDArray[np.int64],
+    rises: NDArray[np.bool_],
+    measures: NDArray[np.float64],
+    /,
+) -> None: ...
+def least(
+    points: NDArray[np.float64],
+    first: NDArray[np.int64],
+    pairs: NDArray[np.int64],
+    shifts: NDArray[np.float64],
+    starts: NDArray[np.int64],
+    rises: NDArray[np.bool_],
+    measures: NDArray[np.float64],
+    /,
+) -> None: ...
