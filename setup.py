@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from setuptools import setup
+from setuptools import Extension, setup
 
 PACKAGE = "momrec_ros"
 SHARED_FOLDERS = ("bags", "config", "launch", "meshes", "models", "rviz")
@@ -40,6 +40,10 @@ TEST = [
     "ruff>=0.9",
     "setuptools>=70,<80",
 ]
+BENCH = [
+    "open3d>=0.19",
+    "scikit-image>=0.24",
+]
 
 setup(
     name=PACKAGE,
@@ -51,7 +55,8 @@ setup(
     maintainer="momrec maintainers",
     maintainer_email="maintainers@momrec.example.org",
     packages=["momrec_core", "momrec_ros"],
-    package_data={"momrec_core": ["py.typed"], "momrec_ros": ["py.typed"]},
+    package_data={"momrec_core": ["py.typed", "*.pyi"], "momrec_ros": ["py.typed"]},
+    ext_modules=[Extension("momrec_core._bands", ["momrec_core/_bands.c"])],
     data_files=shared_files(),
     python_requires=">=3.11",
     install_requires=[
@@ -70,7 +75,7 @@ setup(
         "typer>=0.12",
         "zstandard>=0.20",
     ],
-    extras_require={"ros": ROS, "test": TEST},
+    extras_require={"ros": ROS, "test": TEST, "bench": BENCH},
     entry_points={
         "console_scripts": [
             "momrec = momrec_ros.cli:main",

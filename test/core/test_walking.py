@@ -1,0 +1,177 @@
+"""The walks along pairs of contours, against all walks there are."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from momrec_core._bands import greedy, least
+from momrec_core.rings import Rings
+from momrec_core.walking import walk_bands
+
+HEIGHT = 0.7
+
+
+def star(rng, count, center=(0.0, 0.0)):
+    angles = np.sort(rng.uniform(0.0, 2 * np.pi, count))
+    radii = rng.uniform(0.3, 1.0, count)
+    return np.column_stack([np.cos(angles), np.sin(angles)]) * radii[:, None] + center
+
+
+def pair_of(low, high):
+    points = np.vstack(
+        [np.column_stack([low, np.zeros(len(low))]), np.column_stack([high, len(high) * [HEIGHT]])]
+    )
+    return Rings(points, np.array([0, len(low), len(points)]))
+
+
+def walked(how, rings, shift=(0.0, 0.0)):
+    starts = np.empty((1, 2), dtype=np.int64)
+    rises = np.empty(len(rings.points), dtype=bool)
+    measures = np.empty((1, 2))
+    pairs = np.array([[0, 1]])
+    how(rings.points, rings.first, pairs, np.array([shift]), starts, rises, measures)
+    return starts[0], rises, measures[0]
+
+
+def triangles_of(rings, starts, rises):
+    below, above = (
+        np.roll(rings.points[first:last], -start, axis=0)
+        for first, last, start in zip(rings.first, rings.first[1:], starts, strict=False)
+    )
+    corners, row, column = [], 0, 0
+    for rise in rises:
+        low, high = below[row % len(below)], above[column % len(above)]
+        row, column = row + rise, column + (not rise)
+        third = below[row % len(below)] if rise else above[column % len(above)]
+        corners.append((low, third, high))
+    return np.array(corners)
+
+
+def area_of(corners):
+    sides = corners[:, 1:] - corners[:, :1]
+    return float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()) / 2
+
+
+counts = st.integers(3, 6)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def is_pinched(rises):
+    return np.sum(rises & ~np.roll(rises, -1)) == 1
+
+
+@given(counts, counts, seeds)
+def test_the_least_walk_has_the_least_area_of_all_walks_that_are_not_pinched(below, above, seed):
+    rng = np.random.default_rng(seed)
+    rings = pair_of(star(rng, below), star(rng, above))
+    starts, rises, (area, _) = walked(least, rings)
+    steps = np.arange(below + above)
+    walks = [np.isin(steps, chosen) for chosen in combinations(steps, below)]
+    areas = np.array([area_of(triangles_of(rings, starts, walk)) for walk in walks])
+    best = walks[int(areas.argmin())]
+    assert area_of(triangles_of(rings, starts, rises)) == pytest.approx(area, rel=1e-12)
+    assert not is_pinched(rises)
+    if not is_pinched(best):
+        assert area == pytest.approx(areas.min(), rel=1e-12)
+
+
+@given(counts, counts, seeds)
+def test_the_greedy_walk_takes_the_shorter_diagonal_at_every_step(below, above, seed):
+    rng = np.random.default_rng(seed)
+    rings = pair_of(star(rng, below), star(rng, above))
+    starts, rises, _ = walked(greedy, rings)
+    row = column = 0
+    for rise in rises:
+        low, high = (
+            np.roll(rings.points[first:last, :2], -start, axis=0)
+            for first, last, start in zip(rings.first, rings.first[1:], starts, strict=False)
+        )
+        if row < below and column < above:
+            up = math.dist(low[(row + 1) % below], high[column % above])
+            along = math.dist(low[row % below], high[(column + 1) % above])
+            assert rise == (up <= along) or up == pytest.approx(along, rel=1e-12)
+        row, column = row + rise, column + (not rise)
+    assert (row, column) == (below, above)
+
+
+@given(counts, counts, seeds, st.sampled_from([greedy, least]))
+def test_area_and_flux_are_those_of_the_triangles(below, above, seed, how):
+    rng = np.random.default_rng(seed)
+    shift = rng.uniform(-2.0, 2.0, 2)
+    rings = pair_of(star(rng, below), star(rng, above, shift))
+    starts, rises, (area, flux) = walked(how, rings, shift)
+    corners = triangles_of(rings, starts, rises)
+    sides = corners[:, 1:] - corners[:, :1]
+    upward = np.cross(sides[:, 0], sides[:, 1])[:, 2] / 2
+    assert flux == pytest.approx(corners[:, :, 2].mean(axis=1) @ upward, abs=1e-12)
+    expected = math.inf if is_pinched(rises) else area_of(corners)
+    assert area == pytest.approx(expected, rel=1e-12)
+
+
+@given(seeds, st.integers(3, 40))
+def test_a_shifted_contour_is_joined_as_one_that_lies_above(seed, count):
+    rng = np.random.default_rng(seed)
+    low, high, shift = star(rng, count), star(rng, count + 1), np.array([64.0, -32.0])
+    upright, slanted = pair_of(low, high), pair_of(low, high + shift)
+    assert np.array_equal(walked(greedy, upright)[1], walked(greedy, slanted, shift)[1])
+
+
+def test_a_band_uses_every_edge_of_both_contours_once():
+    rng = np.random.default_rng(7)
+    rings = pair_of(star(rng, 30), star(rng, 21))
+    bands = walk_bands(rings, np.array([[0, 1]]))
+    edges = {
+        (int(tail), int(head))
+        for triangle in bands.triangles
+        for tail, head in zip(triangle, np.roll(triangle, -1), strict=True)
+    }
+    below, above = np.arange(30), np.arange(30, 51)
+    assert len(bands.triangles) == 51
+    assert edges >= set(zip(below.tolist(), np.roll(below, -1).tolist(), strict=True))
+    assert edges >= set(zip(np.roll(above, -1).tolist(), above.tolist(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        (lambda arrays: arrays[:-1], TypeError),
+        (lambda arrays: [arrays[0].astype(np.float32), *arrays[1:]], TypeError),
+        (lambda arrays: [arrays[0][:, :2].copy(), *arrays[1:]], TypeError),
+        (lambda arrays: [*arrays[:2], arrays[2].astype(np.int32), *arrays[3:]], TypeError),
+        (lambda arrays: [arrays[0], arrays[1] + 1, *arrays[2:]], ValueError),
+        (lambda arrays: [arrays[0], arrays[1][::-1].copy(), *arrays[2:]], ValueError),
+        (lambda arrays: [*arrays[:2], arrays[2] + 1, *arrays[3:]], ValueError),
+        (lambda arrays: [*arrays[:2], arrays[2] - 1, *arrays[3:]], ValueError),
+        (lambda arrays: [*arrays[:5], arrays[5][:-1].copy(), arrays[6]], ValueError),
+        (lambda arrays: [*arrays[:4], arrays[4][:0], *arrays[5:]], ValueError),
+        (lambda arrays: [arrays[0][::2], *arrays[1:]], (ValueError, BufferError)),
+    ],
+)
+def test_arrays_that_do_not_agree_are_refused(change, error):
+    rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
+    arrays = [
+        rings.points,
+        rings.first,
+        np.array([[0, 1]]),
+        np.zeros((1, 2)),
+        np.empty((1, 2), dtype=np.int64),
+        np.empty(9, dtype=bool),
+        np.empty((1, 2)),
+    ]
+    for how in (greedy, least):
+        with pytest.raises(error):
+            how(*change(arrays))
+
+
+def test_read_only_results_are_refused():
+    rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
+    rises = np.empty(9, dtype=bool)
+    rises.flags.writeable = False
+    starts, measures = np.empty((1, 2), dtype=np.int64), np.empty((1, 2))
+    pairs, shifts = np.array([[0, 1]]), np.zeros((1, 2))
+    with pytest.raises((ValueError, BufferError)):
+        greedy(rings.points, rings.first, pairs, shifts, starts, rises, measures)
