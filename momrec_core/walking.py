@@ -83,23 +83,16 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     walks = _walk(rings, pairs, np.zeros_like(expected.shift), greedy)
     misfits = _misfits(walks, expected)
     doubtful = np.flatnonzero(misfits > DOUBTFUL_MISFIT)
-    if len(doubtful):
-        best, owners, misfits[doubtful] = _best_bands(rings, pairs[doubtful], expected[doubtful])
-        parts.append(best)
-        numbers.append(doubtful[owners])
-    triangles, bands = np.concatenate(parts), np.concatenate(numbers)
+    better, misfits[doubtful] = _second_look(
+        rings, walks[doubtful], misfits[doubtful], expected[doubtful]
+    )
+    walks = walks.replaced(doubtful, better)
     is_poor = misfits > POOR_MISFIT + expected.slant
     slanted = np.flatnonzero((misfits > POOR_MISFIT) & ~is_poor)
-    if len(slanted):
-        areas = np.bincount(bands, weights=_areas(rings.points[triangles]))
-        is_poor[slanted] = areas[slanted] > WASTEFUL * _stepped_areas(rings, pairs[slanted])
+    stepped = _stepped_areas(rings, pairs[slanted])
+    is_poor[slanted] = walks.measures[slanted, 0] > WASTEFUL * stepped
+    triangles, bands = walks.triangles(rings)
     return Bands(triangles, bands, is_poor)
-
-
-def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the areas of triangles, shape (n, 3, 3)."""
-    sides = corners[:, 1:] - corners[:, :1]
-    return np.asarray(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2)
 
 
 def _stepped_areas(rings: Rings, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -107,8 +100,8 @@ def _stepped_areas(rings: Rings, pairs: NDArray[np.int64]) -> NDArray[np.float64
     low, high = pairs.T
     height = rings.points[rings.first[high], 2] - rings.points[rings.first[low], 2]
     upright = height * (rings.lengths[low] + rings.lengths[high]) / 2
-    steps = [(_region(rings, one) ^ _region(rings, other)).area() for one, other in pairs.tolist()]
-    differing = np.abs(rings.areas[low]) + np.abs(rings.areas[high]) - 2 * np.array(steps)
+    common = [(_region(rings, one) ^ _region(rings, other)).area() for one, other in pairs.tolist()]
+    differing = np.abs(rings.areas[low]) + np.abs(rings.areas[high]) - 2 * np.array(common)
     return np.asarray(upright + differing)
 
 
