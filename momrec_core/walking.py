@@ -17,9 +17,7 @@ __all__ = ["Bands", "walk_bands"]
 _Way = Callable[..., None]
 
 VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
-DOUBTFUL_MISFIT = 0.15  # bands above are worth the second look
-UNEXPLAINED = 0.1  # misfit beyond the slant, above which agreement is no proof
-AGREEMENT = 0.01  # in misfit, of two walks that found the same
+DOUBTFUL_MISFIT = 0.05  # bands above are worth the second look
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
 WASTEFUL = 1.3  # times a stepped surface's area: a band above leads nowhere, a slanted one is below
 MAX_GRID = 4_000_000  # cells: bands above keep the greedy walk, so that memory is bounded
@@ -65,10 +63,9 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     From a near pair of vertices, the walk takes the shorter of the two diagonals, all bands
     in step (Christiansen and Sederberg). Where a band's area or volume is far from what its
     contours suggest, the greedy walk has crossed a notch or a spike, or the contours slide
-    against each other, or the body is slanted. There a second walk takes the contours with their
-    centroids upon each other, and the one that fits better is kept. Where the two disagree, or
-    the slant does not explain them, the band of the least area is found by dynamic programming
-    (Fuchs et al.), again for the contours in both positions.
+    against each other; there the band of the least area is found by dynamic programming (Fuchs
+    et al.), for the contours as they lie and with their centroids upon each other, and the one
+    that fits best is kept.
 
     References
     ----------
@@ -82,7 +79,8 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     expected = _Expectations.of(rings, pairs)
     walks = _walk(rings, pairs, np.zeros_like(expected.shift), greedy)
     misfits = _misfits(walks, expected)
-    doubtful = np.flatnonzero(misfits > DOUBTFUL_MISFIT)
+    is_small = rings.counts[pairs].prod(axis=1) <= MAX_GRID
+    doubtful = np.flatnonzero(is_small & (misfits > DOUBTFUL_MISFIT))
     better, misfits[doubtful] = _second_look(
         rings, walks[doubtful], misfits[doubtful], expected[doubtful]
     )
@@ -252,22 +250,10 @@ def _second_look(
     rings: Rings, walks: _Walks, misfits: NDArray[np.float64], expected: _Expectations
 ) -> tuple[_Walks, NDArray[np.float64]]:
     """Return walks that fit better where there are some, and their misfits."""
-    others = _walk(rings, walks.pairs, expected.shift, greedy)
-    other_misfits = _misfits(others, expected)
-    with np.errstate(invalid="ignore"):  # two pinched bands do not agree
-        is_agreed = np.abs(other_misfits - misfits) < AGREEMENT
-    walks, misfits = _better(walks, misfits, others, other_misfits)
-    is_small = rings.counts[walks.pairs].prod(axis=1) <= MAX_GRID
-    is_explained = misfits < UNEXPLAINED + expected.slant
-    contested = np.flatnonzero(is_small & ~(is_agreed & is_explained))
-    pairs, own = walks.pairs[contested], expected[contested]
-    lying, together = (
-        _walk(rings, pairs, shifts, least) for shifts in (np.zeros_like(own.shift), own.shift)
-    )
-    best, misfits[contested] = _better(
-        lying, _misfits(lying, own), together, _misfits(together, own)
-    )
-    return walks.replaced(contested, best), misfits
+    for shifts in (np.zeros_like(expected.shift), expected.shift):
+        others = _walk(rings, walks.pairs, shifts, least)
+        walks, misfits = _better(walks, misfits, others, _misfits(others, expected))
+    return walks, misfits
 
 
 def _better(
