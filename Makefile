@@ -1,4 +1,4 @@
-# Two commands do all set-up on a machine that has only Python >= 3.11 and make:
+# Two commands do all set-up on a machine that has only Python >= 3.11, make and a C compiler:
 #   make demo    recorded contours to meshes, canonical shapes and names
 #   make test    the whole test suite, the way a ROS user runs it: colcon build, colcon test
 
@@ -6,8 +6,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+BUILT_FROM := setup.py pyproject.toml momrec_core/_bands.c
 
-.PHONY: demo test lint colcon clean
+.PHONY: demo test lint colcon bench clean
 
 demo: $(VENV)/runtime
 	$(BIN)/momrec demo --output demo
@@ -28,16 +29,25 @@ colcon: $(VENV)/development
 	. $(BIN)/activate && colcon build --event-handlers console_cohesion+
 	. install/setup.sh && install/momrec_ros/lib/momrec_ros/momrec --version
 
+# Open3D wants libusb-1.0, libGL and libX11 of the system.
+bench: colcon $(VENV)/peers
+	. $(BIN)/activate && . install/setup.sh && python benchmarks/speed.py --output benchmarks
+	$(BIN)/python benchmarks/growth.py --figure benchmarks/growth.png
+
 clean:
 	rm -rf $(VENV) demo build install log
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/runtime: setup.py pyproject.toml | $(BIN)/python
+$(VENV)/runtime: $(BUILT_FROM) | $(BIN)/python
 	$(PIP) --editable .
 	touch $@
 
-$(VENV)/development: setup.py pyproject.toml | $(BIN)/python
+$(VENV)/development: $(BUILT_FROM) | $(BIN)/python
 	$(PIP) --editable '.[ros,test]'
 	touch $@ $(VENV)/runtime
+
+$(VENV)/peers: $(VENV)/development
+	$(PIP) --editable '.[ros,test,bench]'
+	touch $@
