@@ -19,7 +19,7 @@ from momrec_ros.shared_data import shared_path
 __all__ = ["IMAGE", "MaskedWork", "blob", "blob_work", "fine_mesh", "polyhedra_works"]
 
 IMAGE = (640, 480)  # width, height
-FILLED = 0.9  # of the image's height: the object's diameter
+FILLED = 0.7  # of the image's height, the object's diameter: contours of about 200 vertices
 BOX = 1.1  # of the object's longest side: the voxels' cube
 GRID = 96  # fine enough that facets are far below a pixel
 FINE_GRID = 128  # for 50,000 triangles
