@@ -32,7 +32,7 @@ def _check_ring(ring: ArrayLike) -> NDArray[np.float64]:
         raise InvalidContourError(
             f"Expected finite vertices, got {points[bad[0]]} at vertex {bad[0]} of {len(points)}"
         )
-    repeated = (points == np.roll(points, 1, axis=0)).all(axis=1)
+    repeated = (points == np.roll(points, -1, axis=0)).all(axis=1)
     return np.asarray(points[~repeated])
 
 

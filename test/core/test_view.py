@@ -31,6 +31,14 @@ def test_winding_and_closing_do_not_matter(seed, is_reversed, is_closed):
     assert region(ring).symmetric_difference(region(other)).area == 0
 
 
+def test_a_closed_ring_begins_where_it_begins_open():
+    ring = star(np.random.default_rng(3), 12)
+    closed = np.vstack([ring, ring[:1]])
+    for given_ring in (ring, closed):
+        (found,) = View.from_rings(CAMERA, [given_ring]).rings
+        np.testing.assert_array_equal(found, ring)
+
+
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=30, deadline=None)
 def test_a_point_is_inside_where_an_odd_number_of_rings_hold_it(seed):
