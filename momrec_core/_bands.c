@@ -13,6 +13,8 @@
 #include <string.h>
 
 enum { CANDIDATES = 8 }; /* vertices of a contour that a walk may begin at */
+static const double TIE = 1e-6; /* relatively: choices that differ by less are rounding's */
+static const double TIE_OF_SUMS = 1e-9; /* the same of areas added up, whose choices add up too */
 
 /* The arrays of a call, checked. */
 typedef struct {
@@ -38,13 +40,14 @@ static int64_t count_of(const Work *work, int64_t ring)
     return work->first[ring + 1] - work->first[ring];
 }
 
-/* Choose the nearest pair of a few vertices below and all above. */
+/* Choose the nearest pair of a few vertices below and all above, the first of those as near. */
 static void choose_start(const Work *work, Py_ssize_t band)
 {
     const int64_t *pair = work->pairs + 2 * band;
     const double *low = work->points + 3 * work->first[pair[0]];
     const double *high = work->points + 3 * work->first[pair[1]];
     const int64_t below = count_of(work, pair[0]), above = count_of(work, pair[1]);
+    const double height = high[2] - low[2];
     double least = INFINITY;
     for (int candidate = 0; candidate < CANDIDATES; candidate++) {
         const int64_t row = below * candidate / CANDIDATES;
@@ -52,8 +55,8 @@ static void choose_start(const Work *work, Py_ssize_t band)
         const double y = low[3 * row + 1] + work->shifts[2 * band + 1];
         for (int64_t column = 0; column < above; column++) {
             const double aside = high[3 * column] - x, ahead = high[3 * column + 1] - y;
-            const double square = aside * aside + ahead * ahead;
-            if (square < least) {
+            const double square = aside * aside + ahead * ahead + height * height;
+            if (square < (1 - TIE) * least) {
                 least = square;
                 work->starts[2 * band] = row;
                 work->starts[2 * band + 1] = column;
@@ -84,9 +87,10 @@ static Path path_of(const Work *work, Py_ssize_t band, int side, double *room)
     return path;
 }
 
-/* Walk by the shorter of the two diagonals. */
+/* Walk by the shorter of the two diagonals, and rise where they are as long. */
 static void walk_greedily(const Path *low, const Path *high, uint8_t *rises)
 {
+    const double height = high->z[0] - low->z[0];
     int64_t row = 0, column = 0;
     while (row < low->count || column < high->count) {
         int rise = row < low->count;
@@ -95,7 +99,9 @@ static void walk_greedily(const Path *low, const Path *high, uint8_t *rises)
             const double rise_y = low->y[row + 1] - high->y[column];
             const double run_x = low->x[row] - high->x[column + 1];
             const double run_y = low->y[row] - high->y[column + 1];
-            rise = rise_x * rise_x + rise_y * rise_y <= run_x * run_x + run_y * run_y;
+            const double run = run_x * run_x + run_y * run_y;
+            const double near_tie = TIE * (run + height * height);
+            rise = rise_x * rise_x + rise_y * rise_y <= run + near_tie;
         }
         *rises++ = (uint8_t)rise;
         row += rise;
@@ -103,7 +109,8 @@ static void walk_greedily(const Path *low, const Path *high, uint8_t *rises)
     }
 }
 
-/* Walk so that the triangles have the least area in total, by dynamic programming.
+/* Walk so that the triangles have the least area in total, by dynamic programming; back from the
+ * end, rise where that is as good.
  *
  * `least[column]` is the least area up to a row below and a column above, twice; `came` tells, for
  * each row and column, whether by a rise. `over` takes the areas of one row's triangles.
@@ -141,7 +148,7 @@ static void walk_least(const Path *low, const Path *high, double *least, double 
         by_rise[0] = 1;
         for (int64_t column = 1; column <= columns; column++) {
             const double run = least[column - 1] + across[column - 1];
-            by_rise[column] = over[column] <= run;
+            by_rise[column] = over[column] <= (1 + TIE_OF_SUMS) * run;
             least[column] = over[column] <= run ? over[column] : run;
         }
     }

@@ -20,6 +20,7 @@ VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
 DOUBTFUL_MISFIT = 0.05  # bands above are worth the second look
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
 WASTEFUL = 1.3  # times a stepped surface's area: a band above leads nowhere, a slanted one is below
+TIE = 1e-6  # of a misfit: walks that fit better by less do so by rounding
 MAX_GRID = 4_000_000  # cells: bands above keep the greedy walk, so that memory is bounded
 
 
@@ -262,6 +263,7 @@ def _better(
     others: _Walks,
     other_misfits: NDArray[np.float64],
 ) -> tuple[_Walks, NDArray[np.float64]]:
-    """Return the better of two walks along each pair, and its misfit."""
-    chosen = np.flatnonzero(other_misfits < misfits)
-    return walks.replaced(chosen, others[chosen]), np.minimum(misfits, other_misfits)
+    """Return the better of two walks along each pair, the first of equals, and its misfit."""
+    is_better = other_misfits < misfits - TIE
+    chosen = np.flatnonzero(is_better)
+    return walks.replaced(chosen, others[chosen]), np.where(is_better, other_misfits, misfits)
