@@ -22,7 +22,7 @@ IMAGE = (640, 480)  # width, height
 FILLED = 0.7  # of the image's height, the object's diameter: contours of about 200 vertices
 BOX = 1.1  # of the object's longest side: the voxels' cube
 GRID = 96  # fine enough that facets are far below a pixel
-FINE_GRID = 128  # for 50,000 triangles
+FINE_GRID = 153  # for 50,000 triangles
 # Centres and radii of the balls that the blob is melted from: four lobes, three necks.
 LOBES = (
     (-0.62, 0.05, 0.00, 0.30),

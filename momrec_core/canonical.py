@@ -9,10 +9,12 @@ import numpy as np
 import trimesh
 
 from momrec_core.errors import DegenerateShapeError
-from momrec_core.frames import admissible_frames
+from momrec_core.frames import admissible_frames, moment_tensor, turned_moments
 from momrec_core.moments import areas_of, corners_of, gathered_corners, moments_of_corners
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
 __all__ = ["CANONICAL_AREA", "CanonicalShape", "normalize"]
@@ -116,11 +118,9 @@ def normalize(
             f"Expected tolerances from 0 to below 1, got {gap_tolerance} and {sign_tolerance}"
         )
     centred = _centred(mesh)
-    eigenvalues, axes = _principal_axes(centred.inertia)
-    aligned = centred.vertices @ axes
-    corners = gathered_corners(aligned, mesh.faces)
-    moments = moments_of_corners(corners, MAX_ORDER)
-    signs, margins = _directions(aligned, corners, moments)
+    eigenvalues, axes = _principal_axes(_inertia(centred.moments))
+    (moments,) = turned_moments(centred.moments, axes[None])
+    signs, margins = _directions(centred.vertices @ axes, np.asarray(mesh.faces), moments)
     gaps = np.diff(eigenvalues) / eigenvalues[2]
     principal, *alternatives = (
         axes @ frame
@@ -128,7 +128,7 @@ def normalize(
             signs, margins >= sign_tolerance, gaps < gap_tolerance, moments
         )
     )
-    metric_area = centred.area * centred.extent**2
+    metric_area = moments[0, 0, 0] * centred.extent**2
     scale = float(np.sqrt(area / metric_area))
     enlarged = scale * centred.extent
     canonical = trimesh.Trimesh(centred.vertices @ principal * enlarged, mesh.faces, process=False)
@@ -153,9 +153,8 @@ class _Centred:
     Attributes
     ----------
     vertices : array, shape (n, 3)
-    area : float
-    inertia : array, shape (3, 3)
-        Of eq. 9.
+    moments : array, shape (6, 6, 6)
+        Up to order 5.
     centroid : array, shape (3,)
         In the world, metres.
     extent : float
@@ -163,8 +162,7 @@ class _Centred:
     """
 
     vertices: NDArray[np.float64]
-    area: float
-    inertia: NDArray[np.float64]
+    moments: NDArray[np.float64]
     centroid: NDArray[np.float64]
     extent: float
 
@@ -189,22 +187,15 @@ def _centred(mesh: trimesh.Trimesh) -> _Centred:
     vertices = (np.asarray(mesh.vertices, dtype=np.float64) - middle) / extent - shift
     return _Centred(
         vertices=vertices,
-        area=area,
-        inertia=_inertia(corners, areas),
+        moments=moments_of_corners(corners, areas, MAX_ORDER),
         centroid=middle + shift * extent,
         extent=extent,
     )
 
 
-def _inertia(corners: NDArray[np.float64], areas: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inertia matrix (eq. 9) about the origin of triangles' corners (3, 3, n).
-
-    The integral of x x^T over a triangle with the corners a, b, c and the sum s of them is its
-    area by (a a^T + b b^T + c c^T + s s^T) / 12.
-    """
-    total = corners.sum(axis=1)
-    second = (corners * areas).reshape(3, -1) @ corners.reshape(3, -1).T
-    second = (second + (total * areas) @ total.T) / 12.0
+def _inertia(moments: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inertia matrix (eq. 9) of a shape with these moments, about the origin."""
+    second = moment_tensor(moments, 2)
     return np.asarray(np.trace(second) * np.eye(3) - second)
 
 
@@ -229,18 +220,15 @@ def _in_principal_frame(
 
 
 def _directions(
-    vertices: NDArray[np.float64], corners: NDArray[np.float64], moments: NDArray[np.float64]
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], moments: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return signs and sign margins (3,) of the coordinate axes of a centred mesh: A.1, A.2."""
     third = np.array([moments[3, 0, 0], moments[0, 3, 0], moments[0, 0, 3]])
     spread = np.array([moments[2, 0, 0], moments[0, 2, 0], moments[0, 0, 2]]) / moments[0, 0, 0]
     skewness = third / (moments[0, 0, 0] * np.maximum(spread, TIE_TOLERANCE**2) ** 1.5)
     signs, margins = np.ones(3), np.full(3, np.nan)
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    around = (low <= HIT_TOLERANCE) & (high >= -HIT_TOLERANCE)
-    for axis in range(3):
-        near = np.flatnonzero(around[axis - 2] & around[axis - 1])  # no other reaches the axis
-        heights = _axis_hits(np.roll(corners[:, :, near], -axis, axis=0))
+    for axis, near in enumerate(_faces_near_axes(vertices, faces)):
+        heights = _axis_hits(np.roll(gathered_corners(vertices, faces[near]), -axis, axis=0))
         upper, lower = np.max(heights, initial=0.0), np.max(-heights, initial=0.0)
         farther = max(upper, lower)
         if len(heights):
@@ -252,6 +240,18 @@ def _directions(
         else:
             signs[axis] = _side_of_first_vertex(vertices[:, axis])
     return signs, margins
+
+
+def _faces_near_axes(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64]
+) -> Iterator[NDArray[np.int64]]:
+    """Yield, axis by axis, the faces that may meet it: not all corners lie to one side of it."""
+    beyond = np.hstack([vertices > HIT_TOLERANCE, vertices < -HIT_TOLERANCE])
+    sides = np.take(np.packbits(beyond, axis=1)[:, 0], faces.T)
+    shared = np.unpackbits((sides[0] & sides[1] & sides[2])[:, None], axis=1, count=6)
+    aside = shared[:, :3] | shared[:, 3:]
+    for axis in range(3):
+        yield np.flatnonzero(~(aside[:, axis - 2] | aside[:, axis - 1]).astype(np.bool_))
 
 
 def _side_of_first_vertex(heights: NDArray[np.float64]) -> float:

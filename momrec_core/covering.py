@@ -11,8 +11,9 @@ import shapely
 from numpy.typing import NDArray
 
 from momrec_core.errors import DegenerateShapeError
+from momrec_core.moments import gathered_corners, normals_of
 from momrec_core.rings import number_within
-from momrec_core.scanning import outline_edges, scan_lines, scan_spans
+from momrec_core.scanning import outline_edges
 from momrec_core.silhouette import silhouette_of_mesh
 
 if TYPE_CHECKING:
@@ -113,81 +114,131 @@ def covered_shares(views: Sequence[View], mesh: trimesh.Trimesh) -> NDArray[np.f
     """
     if not views:
         return np.empty(0)
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    edges, neighbours = _shared_edges(faces)
-    fronts = _turned_to(views, vertices[faces])
-    are_rims = fronts[:, neighbours[:, 0]] != fronts[:, neighbours[:, 1]]
-    crossings = []
-    for number, (view, front, is_rim) in enumerate(zip(views, fronts, are_rims, strict=True)):
-        rim = edges[is_rim]
-        backwards = ~front[neighbours[is_rim, 0]]
-        rim[backwards] = rim[backwards, ::-1]
-        lines = scan_lines(view.visible, SCAN_LINES)
-        spans, counts = scan_spans(*outline_edges(view.visible), lines)
-        ends = _image(view.camera, vertices[rim.ravel()]).reshape(-1, 2, 2)
-        for crossing in (_span_ends(spans, counts), _line_crossings(ends, lines)):
-            crossing[0] += number * SCAN_LINES
-            crossings.append(crossing)
-    lines, places, toggles, turns = np.concatenate(crossings, axis=1)
-    order = np.lexsort([places, lines])
+    surface = _Surface.of(mesh)
+    seen = [_edges_in_image(view, surface) for view in views]
+    owners = np.repeat(np.arange(len(views)), [edges.shape[1] for edges in seen])
+    edges = np.concatenate(seen, axis=1)
+    crossed, rows, places, ways = _crossings(edges[:2], edges[2:4])
+    places = np.clip(places, 0.0, 1.0)  # beyond a silhouette's bounds nothing counts
+    order = np.argsort(owners[crossed] * SCAN_LINES + rows + places / 2.0)
+    crossed, is_rim = crossed[order], edges[4, crossed[order]] != 0
     lengths = np.diff(places[order], append=0.0)
-    seen = np.where(np.cumsum(toggles[order]) % 2 == 1, lengths, 0.0)
-    common = np.where(np.cumsum(turns[order]) != 0, seen, 0.0)
-    owners = lines[order].astype(np.int64) // SCAN_LINES
-    covered, whole = (np.bincount(owners, weights, len(views)) for weights in (common, seen))
+    lengths[np.cumsum(~is_rim) % 2 == 0] = 0.0
+    layers = np.cumsum(np.where(is_rim, ways[order], 0))
+    covered, whole = (
+        np.bincount(owners[crossed], weights, len(views))
+        for weights in (np.where(layers != 0, lengths, 0.0), lengths)
+    )
     return np.asarray(covered / np.maximum(whole, np.finfo(np.float64).tiny))
 
 
-def _shared_edges(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return each edge as one of its two faces runs through it, and both, that one first."""
-    tails, heads = np.ravel(faces), np.roll(faces, -1, axis=1).ravel()
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """A closed mesh.
+
+    Attributes
+    ----------
+    points : array, shape (4, n)
+        Its vertices, homogeneous.
+    planes : array, shape (4, m)
+        Of its faces: their products with points are positive on the outer side.
+    tails, heads : array of int, shape (e,)
+        The vertices of each edge, as one of its two faces runs through it.
+    first, second : array of int, shape (e,)
+        Its faces, that one first.
+    """
+
+    points: NDArray[np.float64]
+    planes: NDArray[np.float64]
+    tails: NDArray[np.int64]
+    heads: NDArray[np.int64]
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, mesh: trimesh.Trimesh) -> _Surface:
+        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        corners = gathered_corners(vertices, faces)
+        normals = normals_of(corners)
+        heights = (normals * corners[:, 0]).sum(axis=0)
+        return cls(
+            np.vstack([vertices.T, np.ones(len(vertices))]),
+            np.vstack([normals, -heights]),
+            *_shared_edges(faces),
+        )
+
+    def turned_to(self, camera: Camera) -> NDArray[np.bool_]:
+        """Return which faces turn towards a camera, shape (m,)."""
+        eye = [*camera.position, 1.0] if camera.is_pinhole else [*-camera.rotation[:, 2], 0.0]
+        return np.asarray(np.array(eye) @ self.planes > 0)
+
+
+def _edges_in_image(view: View, surface: _Surface) -> NDArray[np.float64]:
+    """Return the edges of a silhouette's outline, and those that bound a surface's projection.
+
+    Shape (5, e): where they start and end, and 1 for the surface's rims, 0 for the outline. The
+    silhouette reaches from 0 to 1 along the scan lines, and these are at 0, 1, 2 and so on. Rims
+    run between a face that turns towards the camera and one that turns away, and as the former
+    does; most edges of a fine mesh cross no line, and are left out.
+    """
+    left, low, right, high = view.visible.bounds
+    scale = np.array([[1.0 / (right - left)], [SCAN_LINES / (high - low)]])
+    shift = np.array([[-left], [-low]]) * scale - [[0.0], [0.5]]
+    image = _image(view.camera, surface.points) * scale + shift
+    rows = _rows_above(image[1])
+    across = np.flatnonzero(rows.take(surface.tails) != rows.take(surface.heads))
+    front = surface.turned_to(view.camera)
+    runs, comes_back = front[surface.first[across]], front[surface.second[across]]
+    is_rim = runs != comes_back
+    rims, runs = across[is_rim], runs[is_rim]
+    ends = image[:, surface.tails[rims]], image[:, surface.heads[rims]]
+    outline = outline_edges(view.visible)
+    return np.hstack(
+        [
+            np.vstack(
+                [*(points.T * scale + shift for points in outline), np.zeros(len(outline[0]))]
+            ),
+            np.vstack([np.where(runs, *ends), np.where(runs, *ends[::-1]), np.ones(len(rims))]),
+        ]
+    )
+
+
+def _shared_edges(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
+    """Return tails, heads, first and second faces of all edges, see `_Surface`."""
+    tails, heads = np.ravel(faces), np.take(faces, [1, 2, 0], axis=1).ravel()
     keys = np.minimum(tails, heads) * (int(faces.max(initial=0)) + 1) + np.maximum(tails, heads)
     order = np.argsort(keys)
-    if len(keys) % 2 or (keys[order[::2]] != keys[order[1::2]]).any():
+    keys = keys[order]
+    if len(keys) % 2 or (keys[::2] != keys[1::2]).any():
         raise DegenerateShapeError(
             f"Expected a closed mesh whose edges have two faces each, got {len(faces)} faces with "
             "other edges"
         )
-    first = order[::2]
-    return np.column_stack([tails[first], heads[first]]), order.reshape(-1, 2) // 3
-
-
-def _turned_to(views: Sequence[View], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which faces turn towards which cameras, shape (views, faces)."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    heights = np.einsum("ij,ij->i", normals, corners[:, 0])
-    eyes = np.array(
-        [
-            [*view.camera.position, -1.0]
-            if view.camera.is_pinhole
-            else [*-view.camera.rotation[:, 2], 0.0]
-            for view in views
-        ]
-    )
-    return np.asarray(eyes @ np.vstack([normals.T, heights]) > 0)
+    owners = np.repeat(np.arange(len(faces)), 3)
+    return tails[order[::2]], heads[order[::2]], owners[order[::2]], owners[order[1::2]]
 
 
 def _image(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    seen = (points - camera.position) @ camera.rotation
-    if camera.K is None:
-        return seen[:, :2]
-    depths = np.maximum(seen[:, 2], LEAST_DEPTH * np.abs(seen[:, 2]).max(initial=0.0))
-    return np.asarray((seen / depths[:, None] @ camera.K.T)[:, :2])
+    """Project homogeneous points (4, n); return image coordinates (2, n)."""
+    seen = camera.matrix @ points
+    if not camera.is_pinhole:
+        return seen[:2]
+    depths = np.maximum(seen[2], LEAST_DEPTH * np.abs(seen[2]).max(initial=0.0))
+    return np.asarray(seen[:2] / depths)
 
 
-def _span_ends(spans: NDArray[np.float64], counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return lines, places, ones and zeros: where silhouettes begin and end; shape (4, n)."""
-    lines = np.repeat(np.arange(len(counts)), 2 * counts)
-    return np.stack([lines, spans.ravel(), np.ones(len(lines)), np.zeros(len(lines))])
+def _rows_above(ordinates: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return the first scan line at or above each ordinate."""
+    return np.asarray(np.clip(np.ceil(ordinates), 0, SCAN_LINES).astype(np.uint8))
 
 
-def _line_crossings(ends: NDArray[np.float64], lines: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return lines, places, zeros and which way edges cross equidistant lines; shape (4, n)."""
-    levels = np.ceil((ends[:, :, 1] - lines[0]) / (lines[1] - lines[0]))
-    first, last = np.clip(levels, 0, len(lines)).astype(np.int64).T
+def _crossings(
+    starts: NDArray[np.float64], ends: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return where edges (2, n) cross scan lines: edge, line, place along it, and which way."""
+    first, last = (_rows_above(points[1]).astype(np.int64) for points in (starts, ends))
     edges, numbers = number_within(np.abs(last - first))
     rows = np.minimum(first, last)[edges] + numbers
-    start, stop = ends[edges, 0], ends[edges, 1]
-    fraction = (lines[rows] - start[:, 1]) / (stop[:, 1] - start[:, 1])
-    places = start[:, 0] + fraction * (stop[:, 0] - start[:, 0])
-    return np.stack([rows, places, np.zeros(len(rows)), np.sign(last - first)[edges]])
+    (x, y), (end_x, end_y) = starts[:, edges], ends[:, edges]
+    places = x + (rows - y) / (end_y - y) * (end_x - x)
+    return edges, rows, places, np.sign(last - first)[edges]

@@ -21,11 +21,13 @@ __all__ = [
     "enclosed_volume",
     "gathered_corners",
     "moments_of_corners",
+    "normals_of",
     "surface_moments",
 ]
 
 PRODUCTS_AT_ONCE = 2**18  # of numbers, by one matrix product: with more, BLAS starts threads
 LOW_EXPONENTS = np.array(list(product((0, 1), repeat=3)))
+RADON_DEGREES = (4, 5)  # seven points, where a conical product has nine
 MAX_ORDER = 64  # beyond it, powers of coordinates say nothing that float64 could hold
 
 
@@ -90,38 +92,44 @@ def surface_moments(mesh: trimesh.Trimesh, order: int = 5) -> NDArray[np.float64
     Notes
     -----
     Equation 3 of the paper, without its restriction to faces that are graphs over the x-y plane:
-    a Gauss rule on the triangle (conical product, positive weights) that is exact for polynomials
-    of the degree ``order``, so the moments are exact up to rounding.
+    a rule on the triangle with positive weights that is exact for polynomials of the degree
+    ``order``, so the moments are exact up to rounding: Radon's seven points for the degrees 4 and
+    5, else a conical product of Gauss rules.
 
     References
     ----------
-    Stroud, A. H. (1971). Approximate calculation of multiple integrals, section 2.6.
+    Stroud, A. H. (1971). Approximate calculation of multiple integrals, sections 2.6 and 8.8
+    (rule T2 5-1).
     """
     if not 0 <= order <= MAX_ORDER:
         raise ValueError(f"Expected an order from 0 to {MAX_ORDER}, got {order}")
-    return moments_of_corners(corners_of(mesh), order)
+    corners = corners_of(mesh)
+    with np.errstate(over="ignore", invalid="ignore"):
+        areas = areas_of(corners)
+    return moments_of_corners(corners, areas, order)
 
 
-def moments_of_corners(corners: NDArray[np.float64], order: int) -> NDArray[np.float64]:
-    """Do the work of `surface_moments` for the corners (3, 3, n) of triangles.
+def moments_of_corners(
+    corners: NDArray[np.float64], areas: NDArray[np.float64], order: int
+) -> NDArray[np.float64]:
+    """Do the work of `surface_moments` for the corners (3, 3, n) of triangles and their areas (n,).
 
     A power is 0 or 1 plus an even number, so that the monomials are products of few factors:
     w x^a y^b z^c with a, b, c = 0 or 1 by the monomials of x^2, y^2, z^2. The sums over all
     points are one matrix product.
     """
-    barycentric, weights = _conical_product_rule(order)
+    barycentric, weights = _rule(order)
     even = np.array(_even_exponents(order // 2))
     exponents = LOW_EXPONENTS[:, None] + even
     sums = np.zeros(exponents.shape[:2])
     faces_at_once = max(1, PRODUCTS_AT_ONCE // (sums.size * len(weights)))
     rows = np.empty((sum(sums.shape), faces_at_once * len(weights)))
     with np.errstate(over="ignore", invalid="ignore"):
-        areas = areas_of(corners)
         for start in range(0, len(areas), faces_at_once):
             faces = slice(start, start + faces_at_once)
             points = (barycentric @ corners[:, :, faces]).reshape(3, -1)
             low, high = rows[: len(sums), : points.shape[1]], rows[len(sums) :, : points.shape[1]]
-            low[0] = np.outer(weights, areas[faces]).ravel()
+            np.multiply(weights[:, None], areas[faces], out=low[0].reshape(len(weights), -1))
             _raise_low_powers(points, low)
             _raise_even_powers(points, high)
             sums += low @ high.T
@@ -168,12 +176,12 @@ def _raise_even_powers(points: NDArray[np.float64], rows: NDArray[np.float64]) -
 
 def areas_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the areas (n,) of triangles given by their corners (3, 3, n)."""
-    x, y, z = _normals(corners)
+    x, y, z = normals_of(corners)
     areas: NDArray[np.float64] = 0.5 * np.sqrt(x**2 + y**2 + z**2)
     return areas
 
 
-def _normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def normals_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the normals (3, n) of triangles (3, 3, n), twice their areas long."""
     (ux, uy, uz), (vx, vy, vz) = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
@@ -198,22 +206,35 @@ def enclosed_volume(mesh: trimesh.Trimesh) -> float:
         If the mesh has no face, or a vertex that is not finite.
     """
     corners = corners_of(mesh)
-    return float(np.einsum("in,in->", corners[:, 0], _normals(corners)) / 6.0)
+    return float(np.einsum("in,in->", corners[:, 0], normals_of(corners)) / 6.0)
 
 
 @cache
-def _conical_product_rule(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _rule(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return barycentric points (n, 3) and weights (n,), sum 1, exact up to a degree.
 
     One pair of arrays for each degree, not to be written to.
     """
+    rule = _radon_rule() if degree in RADON_DEGREES else _conical_product_rule(degree)
+    for array in rule:
+        array.flags.writeable = False
+    return rule
+
+
+def _radon_rule() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    points, weights = [np.full((1, 3), 1.0 / 3.0)], [9.0 / 40.0]
+    for root in (-np.sqrt(15.0), np.sqrt(15.0)):
+        near = (6.0 + root) / 21.0
+        points.append(np.full((3, 3), near) + (1.0 - 3.0 * near) * np.eye(3))
+        weights += 3 * [(155.0 + root) / 1200.0]
+    return np.concatenate(points), np.array(weights)
+
+
+def _conical_product_rule(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     points = degree // 2 + 1
     u, weights_u = roots_jacobi(points, 1.0, 0.0)
     v, weights_v = roots_jacobi(points, 0.0, 0.0)
     first = np.repeat((1.0 + u) / 2.0, points)
     second = (1.0 - first) * np.tile((1.0 + v) / 2.0, points)
     weights = np.outer(weights_u, weights_v).ravel()
-    barycentric = np.column_stack([1.0 - first - second, first, second])
-    weights /= weights.sum()
-    barycentric.flags.writeable = weights.flags.writeable = False
-    return barycentric, weights
+    return np.column_stack([1.0 - first - second, first, second]), weights / weights.sum()

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-__all__ = ["outline_edges", "outline_points", "scan_lines", "scan_spans"]
+__all__ = ["outline_edges", "outline_points", "scan_spans"]
 
 
 def scan_spans(
@@ -47,12 +47,6 @@ def outline_edges(
     )
     inner = rings[1:] == rings[:-1]
     return points[:-1][inner], points[1:][inner]
-
-
-def scan_lines(region: shapely.Geometry, count: int) -> NDArray[np.float64]:
-    """Return ordinates of scan lines in the middles of equal strips of a region."""
-    _, low, _, high = region.bounds
-    return np.asarray(low + (high - low) * (np.arange(count) + 0.5) / count)
 
 
 def outline_points(region: shapely.Geometry, count: int) -> NDArray[np.float64]:
