@@ -246,12 +246,13 @@ def _faces_near_axes(
     vertices: NDArray[np.float64], faces: NDArray[np.int64]
 ) -> Iterator[NDArray[np.int64]]:
     """Yield, axis by axis, the faces that may meet it: not all corners lie to one side of it."""
-    beyond = np.hstack([vertices > HIT_TOLERANCE, vertices < -HIT_TOLERANCE])
-    sides = np.take(np.packbits(beyond, axis=1)[:, 0], faces.T)
-    shared = np.unpackbits((sides[0] & sides[1] & sides[2])[:, None], axis=1, count=6)
-    aside = shared[:, :3] | shared[:, 3:]
+    beyond = [vertices[:, axis] * side > HIT_TOLERANCE for axis in range(3) for side in (1, -1)]
+    bits = 1 << np.arange(6, dtype=np.uint8)
+    sides = np.take(bits @ np.array(beyond), faces)
+    shared = sides[:, 0] & sides[:, 1] & sides[:, 2]
     for axis in range(3):
-        yield np.flatnonzero(~(aside[:, axis - 2] | aside[:, axis - 1]).astype(np.bool_))
+        across = 0b111111 ^ (0b11 << 2 * axis)
+        yield np.flatnonzero(shared & across == 0)
 
 
 def _side_of_first_vertex(heights: NDArray[np.float64]) -> float:
