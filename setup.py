@@ -56,7 +56,13 @@ setup(
     maintainer_email="maintainers@momrec.example.org",
     packages=["momrec_core", "momrec_ros"],
     package_data={"momrec_core": ["py.typed", "*.pyi"], "momrec_ros": ["py.typed"]},
-    ext_modules=[Extension("momrec_core._bands", ["momrec_core/_bands.c"])],
+    ext_modules=[
+        Extension(
+            "momrec_core._bands",
+            ["momrec_core/_bands.c"],
+            extra_compile_args=["-O3", "-fno-math-errno"],  # square roots of several at once
+        )
+    ],
     data_files=shared_files(),
     python_requires=">=3.11",
     install_requires=[

@@ -7,12 +7,15 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum { CANDIDATES = 8 }; /* vertices of a contour that a walk may begin at */
+enum { REACH = 8, WINDOW = 2 * REACH + 1 }; /* walks around one, see `improve` */
+enum { ROUNDS = 8 }; /* windows, one after the other: more than three were never needed */
 static const double TIE = 1e-6; /* relatively: choices that differ by less are rounding's */
 static const double TIE_OF_SUMS = 1e-9; /* the same of areas added up, whose choices add up too */
 
@@ -49,6 +52,7 @@ static void choose_start(const Work *work, Py_ssize_t band)
     const int64_t below = count_of(work, pair[0]), above = count_of(work, pair[1]);
     const double height = high[2] - low[2];
     double least = INFINITY;
+    work->starts[2 * band] = work->starts[2 * band + 1] = 0;
     for (int candidate = 0; candidate < CANDIDATES; candidate++) {
         const int64_t row = below * candidate / CANDIDATES;
         const double x = low[3 * row] + work->shifts[2 * band];
@@ -79,7 +83,8 @@ static Path path_of(const Work *work, Py_ssize_t band, int side, double *room)
         path.shift[1] = work->shifts[2 * band + 1];
     }
     for (int64_t place = 0; place <= path.count; place++) {
-        const double *point = points + 3 * ((start + place) % path.count);
+        const int64_t vertex = start + place - (start + place < path.count ? 0 : path.count);
+        const double *point = points + 3 * vertex;
         path.x[place] = point[0] - path.shift[0];
         path.y[place] = point[1] - path.shift[1];
         path.z[place] = point[2];
@@ -109,56 +114,112 @@ static void walk_greedily(const Path *low, const Path *high, uint8_t *rises)
     }
 }
 
-/* Walk so that the triangles have the least area in total, by dynamic programming; back from the
- * end, rise where that is as good.
+/* The vertices of a path with the edges that lead to them, in either order, for `improve`. */
+typedef struct {
+    double *x, *y, *edge_x, *edge_y, *upright;
+} Line;
+
+/* Lay out a path; `room` takes 5 (count + 1) numbers. No edge leads to the first vertex. */
+static Line line_of(const Path *path, double height, int is_backward, double *room)
+{
+    const int64_t size = path->count + 1;
+    Line line = {room, room + size, room + 2 * size, room + 3 * size, room + 4 * size};
+    for (int64_t place = 0; place < size; place++) {
+        const int64_t at = is_backward ? path->count - place : place, before = at ? at - 1 : 0;
+        const double edge_x = path->x[at] - path->x[before];
+        const double edge_y = path->y[at] - path->y[before];
+        line.x[place] = path->x[at];
+        line.y[place] = path->y[at];
+        line.edge_x[place] = edge_x;
+        line.edge_y[place] = edge_y;
+        line.upright[place] = height * height * (edge_x * edge_x + edge_y * edge_y);
+    }
+    return line;
+}
+
+/* Add the areas, twice, of the triangles over several edges with as many apexes. */
+static void add_areas(const Line *edges, int64_t edge, const Line *apexes, int64_t apex,
+                      const double *before, int64_t count, double *restrict areas)
+{
+    const double *x = edges->x + edge, *y = edges->y + edge, *upright = edges->upright + edge;
+    const double *edge_x = edges->edge_x + edge, *edge_y = edges->edge_y + edge;
+    const double *apex_x = apexes->x + apex, *apex_y = apexes->y + apex;
+    for (int64_t place = 0; place < count; place++) {
+        const double beside = edge_x[place] * (apex_y[place] - y[place])
+                              - edge_y[place] * (apex_x[place] - x[place]);
+        areas[place] = before[place] + sqrt(beside * beside + upright[place]);
+    }
+}
+
+/* Choose between rises and runs by the areas up to them. */
+static void choose(const double *restrict by_rise, const double *restrict by_run, int64_t count,
+                   double *restrict least, uint8_t *restrict is_rise)
+{
+    for (int64_t place = 0; place < count; place++)
+        least[place] = by_rise[place] < by_run[place] ? by_rise[place] : by_run[place];
+    for (int64_t place = 0; place < count; place++)
+        is_rise[place] = by_rise[place] <= (1 + TIE_OF_SUMS) * by_run[place];
+}
+
+/* Find the walk of the least area in a window around a walk, by dynamic programming.
  *
- * `least[column]` is the least area up to a row below and a column above, twice; `came` tells, for
- * each row and column, whether by a rise. `over` takes the areas of one row's triangles.
+ * After as many steps, such walks have passed up to REACH vertices below more or less. Back from
+ * the end they rise where that is as good. `least` and `next` take the rows from -1, `came` the
+ * window of each step. Tell whether the walk that was found runs along the window's border, so
+ * that there may be a better one beyond. Where areas are no numbers the walk is left as it is.
  */
-static void walk_least(const Path *low, const Path *high, double *least, double *over,
-                       uint8_t *came, uint8_t *rises)
+static int improve(const Line *low, int64_t rows, const Line *high, int64_t columns,
+                   double *least, double *next, uint8_t *came, uint8_t *rises)
+{
+    double by_rise[WINDOW], by_run[WINDOW];
+    for (int64_t row = -1; row <= rows; row++)
+        least[row] = next[row] = INFINITY;
+    least[0] = 0.0;
+    int64_t middle = 0;
+    for (int64_t step = 1; step <= rows + columns; step++) {
+        middle += rises[step - 1];
+        int64_t from = middle - REACH, to = middle + REACH;
+        from = from < step - columns ? step - columns : from;
+        from = from < 0 ? 0 : from;
+        to = to > step ? step : to;
+        to = to > rows ? rows : to;
+        const int64_t count = to - from + 1, column = columns - step + from; /* from the last */
+        add_areas(low, from, high, column, least + from - 1, count, by_rise);
+        add_areas(high, column, low, from, least + from, count, by_run);
+        choose(by_rise, by_run, count, next + from,
+               came + (step - 1) * WINDOW + from - (middle - REACH));
+        next[from - 1] = INFINITY;
+        double *const passed = least;
+        least = next;
+        next = passed;
+    }
+    if (!(least[rows] < DBL_MAX / 2))
+        return 0;
+    int64_t row = rows;
+    int is_at_border = 0;
+    for (int64_t step = rows + columns; step > 0; step--) {
+        const int64_t place = row - middle + REACH;
+        const uint8_t rise = came[(step - 1) * WINDOW + place];
+        is_at_border |= place == 0 || place == WINDOW - 1;
+        middle -= rises[step - 1];
+        rises[step - 1] = rise;
+        row -= rise;
+    }
+    return is_at_border;
+}
+
+/* Improve a walk as long as there may be something better; `room` takes 7 numbers a vertex. */
+static void walk_least(const Path *low, const Path *high, double *room, uint8_t *came,
+                       uint8_t *rises)
 {
     const int64_t rows = low->count, columns = high->count;
     const double height = high->z[0] - low->z[0];
-    double *across = over + columns + 1;
-    for (int64_t row = 0; row <= rows; row++) {
-        const double x = low->x[row], y = low->y[row];
-        uint8_t *by_rise = came + row * (columns + 1);
-        for (int64_t column = 0; column < columns; column++) {
-            const double edge_x = high->x[column + 1] - high->x[column];
-            const double edge_y = high->y[column + 1] - high->y[column];
-            const double beside = edge_x * (y - high->y[column]) - edge_y * (x - high->x[column]);
-            const double upright = height * height * (edge_x * edge_x + edge_y * edge_y);
-            across[column] = sqrt(beside * beside + upright);
-        }
-        if (row == 0) {
-            least[0] = 0.0;
-            for (int64_t column = 0; column < columns; column++)
-                least[column + 1] = least[column] + across[column];
-            memset(by_rise, 0, (size_t)columns + 1);
-            continue;
-        }
-        const double edge_x = x - low->x[row - 1], edge_y = y - low->y[row - 1];
-        const double upright = height * height * (edge_x * edge_x + edge_y * edge_y);
-        for (int64_t column = 0; column <= columns; column++) {
-            const double beside = edge_x * (high->y[column] - y) - edge_y * (high->x[column] - x);
-            over[column] = least[column] + sqrt(beside * beside + upright);
-        }
-        least[0] = over[0];
-        by_rise[0] = 1;
-        for (int64_t column = 1; column <= columns; column++) {
-            const double run = least[column - 1] + across[column - 1];
-            by_rise[column] = over[column] <= (1 + TIE_OF_SUMS) * run;
-            least[column] = over[column] <= run ? over[column] : run;
-        }
-    }
-    int64_t row = rows, column = columns;
-    for (int64_t step = rows + columns - 1; step >= 0; step--) {
-        const uint8_t rise = came[row * (columns + 1) + column];
-        rises[step] = rise;
-        row -= rise;
-        column -= !rise;
-    }
+    const Line below = line_of(low, height, 0, room);
+    const Line above = line_of(high, height, 1, room + 5 * (rows + 1));
+    double *least = room + 5 * (rows + columns + 2) + 1, *next = least + rows + 2;
+    for (int round = 0; round < ROUNDS; round++)
+        if (!improve(&below, rows, &above, columns, least, next, came, rises))
+            break;
 }
 
 /* Tell whether a walk goes around one contour in one go, and so uses an edge across twice. */
@@ -214,9 +275,9 @@ static int walk_all(const Work *work, int is_least)
     for (Py_ssize_t band = 0; band < work->bands; band++) {
         const int64_t below = count_of(work, work->pairs[2 * band]);
         const int64_t above = count_of(work, work->pairs[2 * band + 1]);
-        const size_t vertices = (size_t)(below + above + 2), row = (size_t)above + 1;
-        double *room = malloc((3 * vertices + (is_least ? 3 * row : 0)) * sizeof(double));
-        uint8_t *came = is_least ? malloc(((size_t)below + 1) * row) : NULL;
+        const size_t vertices = (size_t)(below + above + 2);
+        double *room = malloc((is_least ? 10 : 3) * vertices * sizeof(double));
+        uint8_t *came = is_least ? malloc(vertices * WINDOW) : NULL;
         if (room == NULL || (is_least && came == NULL)) {
             free(room);
             free(came);
@@ -225,13 +286,11 @@ static int walk_all(const Work *work, int is_least)
         choose_start(work, band);
         const Path low = path_of(work, band, 0, room);
         const Path high = path_of(work, band, 1, room + 3 * (below + 1));
+        walk_greedily(&low, &high, rises);
         if (is_least) {
-            double *least = room + 3 * vertices;
-            walk_least(&low, &high, least, least + row, came, rises);
+            walk_least(&low, &high, room + 3 * vertices, came, rises);
             if (is_pinched(rises, below + above))
                 unpinch(rises, below + above);
-        } else {
-            walk_greedily(&low, &high, rises);
         }
         measure(&low, &high, rises, work->measures + 2 * band);
         if (is_pinched(rises, below + above))

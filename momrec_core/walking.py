@@ -21,7 +21,6 @@ DOUBTFUL_MISFIT = 0.05  # bands above are worth the second look
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
 WASTEFUL = 1.3  # times a stepped surface's area: a band above leads nowhere, a slanted one is below
 TIE = 1e-6  # of a misfit: walks that fit better by less do so by rounding
-MAX_GRID = 4_000_000  # cells: bands above keep the greedy walk, so that memory is bounded
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +60,13 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
 
     Notes
     -----
-    From a near pair of vertices, the walk takes the shorter of the two diagonals, all bands
-    in step (Christiansen and Sederberg). Where a band's area or volume is far from what its
-    contours suggest, the greedy walk has crossed a notch or a spike, or the contours slide
-    against each other; there the band of the least area is found by dynamic programming (Fuchs
-    et al.), for the contours as they lie and with their centroids upon each other, and the one
-    that fits best is kept.
+    From a near pair of vertices, the walk takes the shorter of the two diagonals (Christiansen
+    and Sederberg). Where a band's area or volume is far from what its contours suggest, the greedy
+    walk has crossed a notch or a spike, or the contours slide against each other. There the walk
+    is improved to one of least area by dynamic programming (Fuchs et al.), in a window around it
+    that follows it as long as the best in it is at its border: but for the wildest contours, that
+    is the best of all walks, in time linear in the vertices. Another greedy walk is tried with
+    the contours' centroids upon each other, and the one that fits best is kept.
 
     References
     ----------
@@ -80,8 +80,7 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     expected = _Expectations.of(rings, pairs)
     walks = _walk(rings, pairs, np.zeros_like(expected.shift), greedy)
     misfits = _misfits(walks, expected)
-    is_small = rings.counts[pairs].prod(axis=1) <= MAX_GRID
-    doubtful = np.flatnonzero(is_small & (misfits > DOUBTFUL_MISFIT))
+    doubtful = np.flatnonzero(misfits > DOUBTFUL_MISFIT)
     better, misfits[doubtful] = _second_look(
         rings, walks[doubtful], misfits[doubtful], expected[doubtful]
     )
@@ -251,8 +250,8 @@ def _second_look(
     rings: Rings, walks: _Walks, misfits: NDArray[np.float64], expected: _Expectations
 ) -> tuple[_Walks, NDArray[np.float64]]:
     """Return walks that fit better where there are some, and their misfits."""
-    for shifts in (np.zeros_like(expected.shift), expected.shift):
-        others = _walk(rings, walks.pairs, shifts, least)
+    for how, shifts in ((least, np.zeros_like(expected.shift)), (greedy, expected.shift)):
+        others = _walk(rings, walks.pairs, shifts, how)
         walks, misfits = _better(walks, misfits, others, _misfits(others, expected))
     return walks, misfits
 

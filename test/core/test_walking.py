@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from momrec_core._bands import greedy, least
@@ -79,6 +79,45 @@ def test_the_least_walk_has_the_least_area_of_all_walks_that_are_not_pinched(bel
         assert area == pytest.approx(areas.min(), rel=1e-12)
 
 
+def least_area(rings, starts):
+    """Return the least area of all walks from a pair of vertices, by a table of all of them."""
+    low, high = (
+        np.roll(rings.points[first:last], -start, axis=0)
+        for first, last, start in zip(rings.first, rings.first[1:], starts, strict=False)
+    )
+    low, high = np.vstack([low, low[:1]]), np.vstack([high, high[:1]])
+    rises = np.cross(np.diff(low, axis=0)[:, None], high[None] - low[:-1, None])
+    runs = np.cross(np.diff(high, axis=0)[None], low[:, None] - high[None, :-1])
+    over, across = (np.linalg.norm(crosses, axis=-1) / 2 for crosses in (rises, runs))
+    table = np.zeros((len(low), len(high)))
+    for row, column in np.ndindex(table.shape):
+        ways = []
+        if row:
+            ways.append(table[row - 1, column] + over[row - 1, column])
+        if column:
+            ways.append(table[row, column - 1] + across[row, column - 1])
+        table[row, column] = min(ways, default=0.0)
+    return table[-1, -1]
+
+
+def lobed(rng, count):
+    angles = 2 * np.pi * (np.arange(count) + rng.uniform(-0.4, 0.4, count)) / count
+    waves, phases = rng.uniform(0.0, 0.25, 4), rng.uniform(0.0, 2 * np.pi, 4)
+    radii = 1 + (waves * np.cos(np.arange(1, 5) * angles[:, None] + phases)).sum(axis=1)
+    notch = rng.uniform(0.0, 2 * np.pi)
+    radii[np.abs(np.angle(np.exp(1j * (angles - notch)))) < 0.3] *= 0.5
+    return np.column_stack([np.cos(angles), np.sin(angles)]) * radii[:, None]
+
+
+@given(st.integers(8, 60), st.integers(8, 60), seeds)
+@settings(max_examples=40, deadline=None)
+def test_a_window_that_follows_the_walk_finds_the_least_of_all(below, above, seed):
+    rng = np.random.default_rng(seed)
+    rings = pair_of(lobed(rng, below), lobed(rng, above))
+    starts, _, (area, _) = walked(least, rings)
+    assert area == pytest.approx(least_area(rings, starts), rel=1e-7)
+
+
 @given(counts, counts, seeds)
 def test_the_greedy_walk_takes_the_shorter_diagonal_at_every_step(below, above, seed):
     rng = np.random.default_rng(seed)
@@ -140,6 +179,19 @@ def test_ties_are_not_decided_by_rounding(count, turn, radius, seed):
     pairs = np.array([[0, 1]])
     bands = walk_bands(exact, pairs), walk_bands(rounded, pairs)
     assert np.array_equal(bands[0].triangles, bands[1].triangles)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e100, 1e160])
+@pytest.mark.parametrize("how", [greedy, least])
+def test_coordinates_beyond_measure_end_in_a_walk_all_the_same(how, value):
+    rng = np.random.default_rng(5)
+    for spoiled in (slice(None), 3, 20):
+        rings = pair_of(star(rng, 17), star(rng, 23))
+        rings.points[spoiled, 0] *= value
+        starts, rises, _ = walked(how, rings)
+        assert rises.sum() == 17
+        assert 0 <= starts[0] < 17
+        assert 0 <= starts[1] < 23
 
 
 def test_a_band_uses_every_edge_of_both_contours_once():
