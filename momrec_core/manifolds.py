@@ -36,37 +36,50 @@ def double_shared_edges(
     triangles : array of int, shape (m', 3)
         Every edge is shared by exactly two of them.
     """
-    order, first, counts = _group_edges(len(points), triangles)
-    if counts.max(initial=0) <= 2:
+    is_suspect = _shares_edges(len(points), triangles)
+    if not is_suspect.any():
         return points, triangles
-    is_shared = np.zeros(triangles.size, dtype=bool)
-    is_shared[order] = np.repeat(counts > 2, counts)
-    suspects = is_shared.reshape(-1, 3).any(axis=1)
-    triangles = np.concatenate([triangles[~suspects], _without_flaps(triangles[suspects])])
-    points, triangles = _compact(points, triangles)
-    order, first, counts = _group_edges(len(points), triangles)
+    whole, suspects = triangles[~is_suspect], _without_flaps(triangles[is_suspect])
+    points, triangles = _compact(points, np.concatenate([whole, suspects]))
+    whole, suspects = np.split(triangles, [len(whole)])
+    order, first, counts = _group_edges(len(points), suspects)
     shared = np.flatnonzero(counts > 2)
     if len(shared) == 0:
         return points, triangles
-    heads, tails = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    heads, tails = suspects.ravel(), suspects[:, [1, 2, 0]].ravel()
     middles: list[NDArray[np.float64]] = []
     inserted: dict[int, dict[int, int]] = defaultdict(dict)
     for start, count in zip(first[shared], counts[shared], strict=True):
         sides = np.sort(order[start : start + count])
         middle = points[[heads[sides[0]], tails[sides[0]]]].mean(axis=0)
-        for pair in _pair_around_edge(points, triangles, sides)[1:]:
+        for pair in _pair_around_edge(points, suspects, sides)[1:]:
             for side in pair:
                 inserted[side // 3][side % 3] = len(points) + len(middles)
             middles.append(middle)
-    whole = np.delete(triangles, list(inserted), axis=0)
-    parts = [_fan(triangles[face], corners) for face, corners in inserted.items()]
-    is_suspect = np.ones(len(points) + len(middles), dtype=bool)
-    is_suspect[: len(points)] = False
+    parts = [_fan(suspects[face], corners) for face, corners in inserted.items()]
+    suspects = np.delete(suspects, list(inserted), axis=0)
+    ends = np.zeros(len(points) + len(middles), dtype=bool)
+    ends[len(points) :] = True
     sides = order[first[shared]]
-    is_suspect[[heads[sides], tails[sides]]] = True
+    ends[[heads[sides], tails[sides]]] = True
     return _split_vertices(
-        np.concatenate([points, middles]), np.concatenate([whole, *parts]), is_suspect
+        np.concatenate([points, middles]), np.concatenate([whole, suspects, *parts]), ends
     )
+
+
+def _shares_edges(count: int, triangles: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Tell which triangles of a closed surface have an edge that is used twice in a direction."""
+    heads, tails = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
+    edges = np.sort(heads * count + tails)
+    repeated = edges[1:][edges[1:] == edges[:-1]]
+    first, second = np.divmod(repeated, count)
+    is_end = np.zeros(count, dtype=bool)
+    is_end[first] = is_end[second] = True
+    sides = np.flatnonzero(is_end[heads] & is_end[tails])
+    either_way = np.concatenate([repeated, second * count + first])
+    is_shared = np.zeros(triangles.size, dtype=bool)
+    is_shared[sides] = np.isin(heads[sides] * count + tails[sides], either_way)
+    return np.asarray(is_shared.reshape(-1, 3).any(axis=1))
 
 
 def _split_vertices(
@@ -122,8 +135,10 @@ def _compact(
     points: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Leave out the points that no triangle uses."""
-    used, compacted = np.unique(triangles, return_inverse=True)
-    return points[used], compacted.reshape(-1, 3)
+    is_used = np.zeros(len(points), dtype=bool)
+    is_used[triangles] = True
+    numbers = np.cumsum(is_used) - 1
+    return points[is_used], numbers[triangles]
 
 
 def _fan(triangle: NDArray[np.int64], inserted: dict[int, int]) -> NDArray[np.int64]:

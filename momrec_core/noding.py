@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
+
+from momrec_core.rings import number_within
 
 __all__ = ["Contacts", "Edges", "find_contacts"]
 
@@ -61,14 +62,9 @@ def find_contacts(below: Edges, above: Edges) -> Contacts:
     empty = np.empty(0, dtype=np.int64)
     if not len(below.starts) or not len(above.starts):
         return Contacts(empty, empty, np.empty(0), np.empty(0), np.empty((0, 2)))
-    tree = KDTree(np.column_stack([above.starts, above.groups]))
-    distance, partner = tree.query(
-        np.column_stack([below.starts, below.groups]), distance_upper_bound=TOUCH
-    )
-    shared = np.flatnonzero(np.isfinite(distance))
     lower, upper = _near(below, above)
     parts = [
-        (shared, partner[shared], np.zeros(len(shared)), np.zeros(len(shared))),
+        _shared_vertices(below, above, lower, upper),
         _vertices_on_edges(below, above, lower, upper),
         _swapped(_vertices_on_edges(above, below, upper, lower)),
         _crossings(below, above, lower, upper),
@@ -89,18 +85,58 @@ def _swapped(contacts: _EdgePairs) -> _EdgePairs:
 
 
 def _near(below: Edges, above: Edges) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of edges of a group whose boxes meet; the groups are laid side by side."""
-    extent = float(np.ptp(np.concatenate([below.starts[:, 0], above.starts[:, 0]]))) + 1.0
-    diagonals = []
-    for edges in (below, above):
-        low = np.minimum(edges.starts, edges.ends) - TOUCH
-        high = np.maximum(edges.starts, edges.ends) + TOUCH
-        aside = extent * edges.groups
-        low[:, 0] += aside
-        high[:, 0] += aside
-        diagonals.append(shapely.linestrings(np.stack([low, high], axis=1)))
-    lower, upper = shapely.STRtree(diagonals[1]).query(diagonals[0])
-    return lower, upper
+    """Return the pairs of edges of a group whose boxes meet.
+
+    The groups are laid one beside the other along x or y, whichever has the narrower boxes; of
+    two edges that meet there, one begins within the other.
+    """
+    low, high = _boxes(below)
+    other_low, other_high = _boxes(above)
+    extent = np.maximum(high.max(axis=0), other_high.max(axis=0))
+    extent -= np.minimum(low.min(axis=0), other_low.min(axis=0))
+    axis = int(
+        np.argmin(((high - low).sum(axis=0) + (other_high - other_low).sum(axis=0)) / extent)
+    )
+    aside, other_aside = (2 * extent[axis] * edges.groups for edges in (below, above))
+    begin, end = low[:, axis] + aside, high[:, axis] + aside
+    other_begin, other_end = other_low[:, axis] + other_aside, other_high[:, axis] + other_aside
+    lower, upper = _beginning_within(begin, end, other_begin, "left")
+    later_upper, later_lower = _beginning_within(other_begin, other_end, begin, "right")
+    lower, upper = np.concatenate([lower, later_lower]), np.concatenate([upper, later_upper])
+    across = 1 - axis
+    meet = low[lower, across] <= other_high[upper, across]
+    meet &= other_low[upper, across] <= high[lower, across]
+    return lower[meet], upper[meet]
+
+
+def _boxes(edges: Edges) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners of the edges' boxes, as much larger as touching edges may be apart."""
+    low, high = np.minimum(edges.starts, edges.ends), np.maximum(edges.starts, edges.ends)
+    return low - TOUCH, high + TOUCH
+
+
+def _beginning_within(
+    begin: NDArray[np.float64],
+    end: NDArray[np.float64],
+    points: NDArray[np.float64],
+    side: Literal["left", "right"],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return intervals and points in them: those at its beginning ("left") or not ("right")."""
+    order = np.argsort(points)
+    first = np.searchsorted(points[order], begin, side)
+    last = np.searchsorted(points[order], end, "right")
+    intervals, positions = number_within(last - first)
+    return intervals, order[first[intervals] + positions]
+
+
+def _shared_vertices(
+    below: Edges, above: Edges, lower: NDArray[np.int64], upper: NDArray[np.int64]
+) -> _EdgePairs:
+    """Find the pairs of edges whose first vertices lie upon each other."""
+    apart = below.starts[lower] - above.starts[upper]
+    shared = (apart**2).sum(axis=1) <= TOUCH**2
+    ends = np.zeros(np.count_nonzero(shared))
+    return lower[shared], upper[shared], ends, ends
 
 
 def _along_and_beside(

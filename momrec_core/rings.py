@@ -64,7 +64,7 @@ class Rings:
     @cached_property
     def lengths(self) -> NDArray[np.float64]:
         """Length of each contour."""
-        return self.total(np.hypot(*self.edges.T))
+        return self.total(np.sqrt((self.edges**2).sum(axis=1)))
 
     @cached_property
     def areas(self) -> NDArray[np.float64]:

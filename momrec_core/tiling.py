@@ -240,8 +240,11 @@ def _bands(contours: _Contours, slabs: Sequence[Slab]) -> tuple[NDArray[np.int64
 
 def _divided(contours: _Contours, triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """Divide the triangles of bands along contours that have got vertices on their edges."""
-    low, end, high = triangles.T
-    runs = contours.points[end, 2] > contours.points[low, 2]
+    heights = contours.points[:, 2]
+    runs = heights[triangles[:, 1]] > heights[triangles[:, 0]]
+    is_whole = np.diff(contours.ends)[np.where(runs, triangles[:, 2], triangles[:, 0])] == 1
+    runs = runs[~is_whole]
+    low, end, high = triangles[~is_whole].T
     edges, apexes = np.where(runs, [high, low], [low, high])
     first = contours.ends[edges]
     owners, positions = number_within(contours.ends[edges + 1] - first)
@@ -250,13 +253,14 @@ def _divided(contours: _Contours, triangles: NDArray[np.int64]) -> NDArray[np.in
     is_last = at + 1 == contours.ends[edges + 1][owners]
     there = np.where(is_last, end[owners], contours.order[(at + 1) % len(contours.order)])
     is_run = runs[owners]
-    return np.column_stack(
+    parts = np.column_stack(
         [
             np.where(is_run, apexes[owners], here),
             there,
             np.where(is_run, here, apexes[owners]),
         ]
     )
+    return np.concatenate([triangles[is_whole], parts])
 
 
 def _caps(contours: _Contours, groups: Iterable[_Group]) -> Iterator[NDArray[np.int64]]:

@@ -87,20 +87,31 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     walks = walks.replaced(doubtful, better)
     is_poor = misfits > POOR_MISFIT + expected.slant
     slanted = np.flatnonzero((misfits > POOR_MISFIT) & ~is_poor)
-    stepped = _stepped_areas(rings, pairs[slanted])
-    is_poor[slanted] = walks.measures[slanted, 0] > WASTEFUL * stepped
+    is_poor[slanted] = _is_wasteful(rings, pairs[slanted], walks.measures[slanted, 0])
     triangles, bands = walks.triangles(rings)
     return Bands(triangles, bands, is_poor)
 
 
-def _stepped_areas(rings: Rings, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the areas of surfaces that run level where contours differ, and upright elsewhere."""
+def _is_wasteful(
+    rings: Rings, pairs: NDArray[np.int64], areas: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Tell which bands lead nowhere, by their areas.
+
+    They are larger than surfaces that run level where the contours differ and upright elsewhere.
+    """
     low, high = pairs.T
     height = rings.points[rings.first[high], 2] - rings.points[rings.first[low], 2]
     upright = height * (rings.lengths[low] + rings.lengths[high]) / 2
-    common = [(_region(rings, one) ^ _region(rings, other)).area() for one, other in pairs.tolist()]
-    differing = np.abs(rings.areas[low]) + np.abs(rings.areas[high]) - 2 * np.array(common)
-    return np.asarray(upright + differing)
+    inside = np.abs(rings.areas[pairs])
+    is_wasteful = areas > WASTEFUL * (upright + np.abs(np.diff(inside)[:, 0]))  # and maybe then
+    doubtful = np.flatnonzero(is_wasteful)
+    common = [
+        (_region(rings, one) ^ _region(rings, other)).area()
+        for one, other in pairs[doubtful].tolist()
+    ]
+    differing = inside[doubtful].sum(axis=1) - 2 * np.array(common)
+    is_wasteful[doubtful] = areas[doubtful] > WASTEFUL * (upright[doubtful] + differing)
+    return np.asarray(is_wasteful)
 
 
 def _region(rings: Rings, ring: int) -> CrossSection:
@@ -215,10 +226,11 @@ class _Expectations:
         shift = rings.centroids[high] - rings.centroids[low]
         height = top - bottom
         upright = height * (rings.lengths[low] + rings.lengths[high]) / 2
-        edges = np.concatenate([np.column_stack(rings.around(side)) for side in (low, high)])
-        (x, y), (shift_x, shift_y) = rings.edges[edges[:, 0]].T, shift[edges[:, 1]].T
-        sides = np.hypot(height[edges[:, 1]] * np.hypot(x, y), x * shift_y - y * shift_x)
-        slanted = np.bincount(edges[:, 1], weights=sides) / 2
+        vertices, sides = rings.around(np.concatenate([low, high]))
+        bands = sides % len(pairs)
+        (x, y), (shift_x, shift_y) = rings.edges[vertices].T, shift[bands].T
+        squares = (height**2)[bands] * (x**2 + y**2) + (x * shift_y - y * shift_x) ** 2
+        slanted = np.bincount(bands, weights=np.sqrt(squares)) / 2
         area = np.hypot(upright, area2 - area1)
         mean = (area1 + area2 + np.sign(area1) * np.sqrt(area1 * area2)) / 3
         slant = np.hypot(slanted, area2 - area1) / area - 1
