@@ -6,13 +6,18 @@ import os
 import signal
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from shape_msgs.msg import Mesh
 from std_msgs.msg import String
 from timing import medians
+from visualization_msgs.msg import Marker as MarkerMessage
 from visualization_msgs.msg import MarkerArray
 from works import MaskedWork
 
@@ -25,8 +30,15 @@ from momrec_ros.shared_data import shared_path
 __all__ = ["node_delays"]
 
 EXECUTABLE = Path("install/momrec_ros/lib/momrec_ros/recognizer")
+OUTPUTS = {
+    "recognition": DiagnosticArray,
+    "principal_frame": PoseStamped,
+    "mesh": MarkerMessage,
+    "normalized_mesh": Mesh,
+}
 ROUNDS = 15
 STEP = 0.1  # seconds between views, as of a camera
+QUIET = 0.5  # seconds without a label, after which none is under way
 PATIENCE = 30.0  # seconds
 ALONE = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": "54"}
 
@@ -38,7 +50,7 @@ def node_delays(work: MaskedWork) -> tuple[list[float], list[float]]:
     -------
     delays : list of float
         Milliseconds from the publication of an object's last view to the arrival of the last
-        output of the result with that view's stamp, both seen from this process.
+        output of its result, both seen from this process.
     messages : list of float
         Milliseconds that decoding a view and encoding a result take of it.
     """
@@ -57,42 +69,48 @@ def node_delays(work: MaskedWork) -> tuple[list[float], list[float]]:
 
 
 class _Shower(Node):
-    """Publishes the views of one object, and awaits the label that follows the last."""
+    """Publishes the views of an object, and awaits the label, the last output of a result.
+
+    It listens to the others too, so that they are sent.
+    """
 
     def __init__(self, work: MaskedWork) -> None:
         super().__init__("shower")
         self._views = work.views
-        self._labels = 0
-        self._arrived = 0.0
+        self._labels: list[float] = []  # arrivals
         self._contours = self.create_publisher(MarkerArray, "contours", QoSProfile(depth=100))
         durable = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        for name, kind in OUTPUTS.items():
+            self.create_subscription(kind, f"recognizer/{name}", lambda _: None, durable, raw=True)
         self.create_subscription(String, "recognizer/label", self._take, durable, raw=True)
         while not self._contours.get_subscription_count():
             rclpy.spin_once(self, timeout_sec=0.1)
 
     def show(self, turn: int) -> float:
         """Show the object once; return the seconds after its last view."""
-        stamps = self.get_clock().now().nanoseconds
+        object_id, stamp = f"blob {turn}", self.get_clock().now().nanoseconds
         for number, view in enumerate(self._views[:-1]):
-            self._publish(StampedView(f"blob {turn}", stamps + number, "world", view))
+            self._publish(StampedView(object_id, stamp + number, "world", view))
             self._spin(STEP)
-        self._spin(3 * STEP)  # the results before have come
-        known = self._labels
+        self._await(lambda: self._labels and self._labels[-1] < time.monotonic() - QUIET)
+        known = len(self._labels)
         begin = time.monotonic()
-        last = StampedView(f"blob {turn}", stamps + len(self._views), "world", self._views[-1])
-        self._publish(last)
-        while self._labels == known and time.monotonic() < begin + PATIENCE:
-            rclpy.spin_once(self, timeout_sec=0.1)
-        if self._labels == known:
-            raise RuntimeError(f"Expected a label within {PATIENCE} s, got none")
-        delay = self._arrived - begin
+        self._publish(StampedView(object_id, stamp + len(self._views), "world", self._views[-1]))
+        self._await(lambda: len(self._labels) > known)
         self._contours.publish(
-            encode_marker_array([Marker(ns=f"blob {turn}", action=MarkerAction.DELETEALL)])
+            encode_marker_array([Marker(ns=object_id, action=MarkerAction.DELETEALL)])
         )
-        return delay
+        return self._labels[known] - begin
 
     def _publish(self, view: StampedView) -> None:
         self._contours.publish(encode_view(view))
+
+    def _await(self, condition: Callable[[], object]) -> None:
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            if time.monotonic() > end:
+                raise RuntimeError(f"Expected a label within {PATIENCE} s, got none")
+            rclpy.spin_once(self, timeout_sec=STEP)
 
     def _spin(self, seconds: float) -> None:
         end = time.monotonic() + seconds
@@ -100,8 +118,7 @@ class _Shower(Node):
             rclpy.spin_once(self, timeout_sec=left)
 
     def _take(self, _data: bytes) -> None:
-        self._arrived = time.monotonic()
-        self._labels += 1
+        self._labels.append(time.monotonic())
 
 
 def _message_times(work: MaskedWork) -> list[float]:
