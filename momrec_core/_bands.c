@@ -14,6 +14,7 @@
 #include <string.h>
 
 enum { CANDIDATES = 8 }; /* vertices of a contour that a walk may begin at */
+enum { EXPECTATIONS = 7 }; /* numbers that a pair of contours suggests of its band */
 enum { REACH = 8, WINDOW = 2 * REACH + 1 }; /* walks around one, see `improve` */
 enum { ROUNDS = 8 }; /* windows, one after the other: more than three were never needed */
 static const double TIE = 1e-6; /* relatively: choices that differ by less are rounding's */
@@ -302,90 +303,228 @@ static int walk_all(const Work *work, int is_least)
     return 1;
 }
 
+/* What a contour measures. */
+typedef struct {
+    double length, area, centroid[2], height;
+} Ring;
+
+static Ring measure_ring(const Work *work, int64_t ring)
+{
+    const double *points = work->points + 3 * work->first[ring];
+    const int64_t count = count_of(work, ring);
+    double length = 0.0, doubled = 0.0, moment_x = 0.0, moment_y = 0.0;
+    double x = points[3 * (count - 1)] - points[0], y = points[3 * (count - 1) + 1] - points[1];
+    for (int64_t vertex = 0; vertex < count; vertex++) { /* as seen from the first vertex */
+        const double next_x = points[3 * vertex] - points[0];
+        const double next_y = points[3 * vertex + 1] - points[1];
+        const double edge_x = next_x - x, edge_y = next_y - y, cross = x * next_y - next_x * y;
+        length += sqrt(edge_x * edge_x + edge_y * edge_y);
+        doubled += cross;
+        moment_x += cross * (x + next_x);
+        moment_y += cross * (y + next_y);
+        x = next_x;
+        y = next_y;
+    }
+    const double centroid_x = points[0] + moment_x / (3 * doubled);
+    const double centroid_y = points[1] + moment_y / (3 * doubled);
+    return (Ring){length, doubled / 2, {centroid_x, centroid_y}, points[2]};
+}
+
+/* Return the area that the edges of a contour sweep on a shift upward. */
+static double swept_area(const Work *work, int64_t ring, const double *shift)
+{
+    const double *points = work->points + 3 * work->first[ring];
+    const int64_t count = count_of(work, ring);
+    double area = 0.0;
+    for (int64_t vertex = 0; vertex < count; vertex++) {
+        const double *end = points + 3 * (vertex + 1 < count ? vertex + 1 : 0);
+        const double x = end[0] - points[3 * vertex], y = end[1] - points[3 * vertex + 1];
+        const double upward = x * shift[1] - y * shift[0];
+        area += sqrt(shift[2] * shift[2] * (x * x + y * y) + upward * upward);
+    }
+    return area;
+}
+
+/* Write what each pair of contours suggests of the band between them, see walking.py. */
+static void expect_all(const Work *work, double *expected)
+{
+    for (Py_ssize_t band = 0; band < work->bands; band++, expected += EXPECTATIONS) {
+        const int64_t *pair = work->pairs + 2 * band;
+        const Ring low = measure_ring(work, pair[0]), high = measure_ring(work, pair[1]);
+        const double height = high.height - low.height, widening = high.area - low.area;
+        const double shift[3] = {high.centroid[0] - low.centroid[0],
+                                 high.centroid[1] - low.centroid[1], height};
+        const double slanted = swept_area(work, pair[0], shift) + swept_area(work, pair[1], shift);
+        const double upright = height * (low.length + high.length) / 2;
+        const double area = hypot(upright, widening);
+        const double between = copysign(sqrt(fabs(low.area * high.area)), low.area);
+        expected[0] = area;
+        expected[1] = hypot(slanted / 2, widening) / area - 1;
+        expected[2] = height * (low.area + high.area + between) / 3;
+        expected[3] = high.height * high.area - low.height * low.area;
+        expected[4] = upright + fabs(widening);
+        expected[5] = shift[0];
+        expected[6] = shift[1];
+    }
+}
+
+/* Write the triangles of walks, and for each the vertex that its edge of a contour starts from. */
+static void lay_all(const Work *work, int64_t *triangles, int64_t *edges)
+{
+    const uint8_t *rises = work->rises;
+    for (Py_ssize_t band = 0; band < work->bands; band++) {
+        int64_t first[2], last[2], at[2], next[2], steps = 0;
+        for (int side = 0; side < 2; side++) {
+            const int64_t ring = work->pairs[2 * band + side];
+            first[side] = work->first[ring];
+            last[side] = work->first[ring + 1] - 1;
+            at[side] = first[side] + work->starts[2 * band + side];
+            next[side] = at[side] == last[side] ? first[side] : at[side] + 1;
+            steps += count_of(work, ring);
+        }
+        for (int64_t step = 0; step < steps; step++, triangles += 3) {
+            const int side = !*rises++;
+            triangles[0] = at[0];
+            triangles[1] = next[side];
+            triangles[2] = at[1];
+            *edges++ = at[side];
+            at[side] = next[side];
+            next[side] = at[side] == last[side] ? first[side] : at[side] + 1;
+        }
+    }
+}
+
 /* --- arrays from Python ------------------------------------------------------------------- */
 
-enum { POINTS, FIRST, PAIRS, SHIFTS, STARTS, RISES, MEASURES, ARRAYS };
+enum { MOST = 7 }; /* arrays of a call */
 
-static const struct {
+typedef struct {
     const char *name;
-    char kind; /* d: float64, q: int64, ?: bool */
+    char kind;   /* d: float64, q: int64, ?: bool */
     int columns; /* 0: one-dimensional */
     int is_out;
-} EXPECTED[ARRAYS] = {
-    {"points", 'd', 3, 0}, {"first", 'q', 0, 0}, {"pairs", 'q', 2, 0}, {"shifts", 'd', 2, 0},
-    {"starts", 'q', 2, 1}, {"rises", '?', 0, 1}, {"measures", 'd', 2, 1},
-};
+} Array;
 
-static int is_as_expected(const Py_buffer *view, int which)
+typedef struct {
+    Py_buffer views[MOST];
+    int count;
+} Arrays;
+
+static const Array POINTS = {"points", 'd', 3, 0}, FIRST = {"first", 'q', 0, 0};
+static const Array PAIRS = {"pairs", 'q', 2, 0}, SHIFTS = {"shifts", 'd', 2, 0};
+
+static int is_as_expected(const Py_buffer *view, const Array *expected)
 {
     const char *format = view->format ? view->format : "B";
-    const char kind = EXPECTED[which].kind;
+    const char kind = expected->kind;
+    const int columns = expected->columns;
     const int fits = *format == kind || (kind == 'q' && *format == 'l' && view->itemsize == 8);
-    const int columns = EXPECTED[which].columns;
     return fits && view->ndim == 1 + (columns > 0) && (!columns || view->shape[1] == columns);
 }
 
-/* Check what C must not find out by itself; set an error and return 0 if something is wrong. */
-static int are_consistent(const Py_buffer *views, const Work *work)
+static void release(Arrays *arrays)
 {
-    const Py_ssize_t rings = views[FIRST].shape[0] - 1;
-    int good = rings >= 0 && views[SHIFTS].shape[0] == work->bands
-               && views[STARTS].shape[0] == work->bands && views[MEASURES].shape[0] == work->bands;
-    good = good && (rings < 0 || (work->first[0] >= 0 && work->first[rings] <= views[POINTS].shape[0]));
-    for (Py_ssize_t ring = 0; good && ring < rings; ring++)
-        good = work->first[ring] < work->first[ring + 1];
-    int64_t steps = 0;
-    for (Py_ssize_t place = 0; good && place < 2 * work->bands; place++) {
-        const int64_t ring = work->pairs[place];
-        good = ring >= 0 && ring < rings;
-        steps += good ? count_of(work, ring) : 0;
+    while (arrays->count > 0)
+        PyBuffer_Release(&arrays->views[--arrays->count]);
+}
+
+/* Take the arrays that a function expects; set an error and return 0 if they are others. */
+static int take(Arrays *arrays, PyObject *const *arguments, Py_ssize_t count,
+                const Array *expected, int wanted)
+{
+    arrays->count = 0;
+    if (count != wanted) {
+        PyErr_Format(PyExc_TypeError, "Expected %d arrays, got %zd", wanted, count);
+        return 0;
     }
-    good = good && steps == views[RISES].shape[0];
-    if (!good)
-        PyErr_SetString(PyExc_ValueError,
-                        "Expected contours with vertices, pairs of them, and arrays that agree");
-    return good;
+    while (arrays->count < wanted) {
+        const Array *next = expected + arrays->count;
+        Py_buffer *view = arrays->views + arrays->count;
+        const int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (next->is_out ? PyBUF_WRITABLE : 0);
+        if (PyObject_GetBuffer(arguments[arrays->count], view, flags)) {
+            release(arrays);
+            return 0;
+        }
+        arrays->count++;
+        if (!is_as_expected(view, next)) {
+            PyErr_Format(PyExc_TypeError, "Expected another kind or shape of %s", next->name);
+            release(arrays);
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Tell whether contours, pairs of them and so many vertices and steps agree. */
+static int are_consistent(const Work *work, Py_ssize_t rings, Py_ssize_t vertices,
+                          Py_ssize_t all_steps)
+{
+    if (rings < 0 || work->first[0] < 0 || work->first[rings] > vertices)
+        return 0;
+    for (Py_ssize_t ring = 0; ring < rings; ring++)
+        if (work->first[ring] >= work->first[ring + 1])
+            return 0;
+    int64_t steps = 0;
+    for (Py_ssize_t place = 0; place < 2 * work->bands; place++) {
+        const int64_t ring = work->pairs[place];
+        if (ring < 0 || ring >= rings)
+            return 0;
+        steps += count_of(work, ring);
+    }
+    return all_steps < 0 || steps == all_steps;
+}
+
+/* Tell whether walks begin at their contours and go around them once. */
+static int are_walks(const Work *work)
+{
+    const uint8_t *rises = work->rises;
+    for (Py_ssize_t band = 0; band < work->bands; band++) {
+        int64_t counts[2], risen = 0;
+        for (int side = 0; side < 2; side++) {
+            const int64_t start = work->starts[2 * band + side];
+            counts[side] = count_of(work, work->pairs[2 * band + side]);
+            if (start < 0 || start >= counts[side])
+                return 0;
+        }
+        for (int64_t step = 0; step < counts[0] + counts[1]; step++)
+            risen += *rises++ != 0;
+        if (risen != counts[0])
+            return 0;
+    }
+    return 1;
+}
+
+/* End a call: release the arrays, and return None or raise what was wrong. */
+static PyObject *ended(Arrays *arrays, int is_consistent, int is_done)
+{
+    release(arrays);
+    if (!is_consistent)
+        return PyErr_Format(PyExc_ValueError,
+                            "Expected contours with vertices, pairs of them, and arrays that agree");
+    if (!is_done)
+        return PyErr_NoMemory();
+    Py_RETURN_NONE;
 }
 
 static PyObject *walk(PyObject *const *arguments, Py_ssize_t count, int is_least)
 {
-    Py_buffer views[ARRAYS];
-    int got = 0, good = count == ARRAYS;
-    if (!good)
-        PyErr_Format(PyExc_TypeError, "Expected %d arrays, got %zd", ARRAYS, count);
-    for (; good && got < ARRAYS; got++) {
-        const int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT;
-        if (PyObject_GetBuffer(arguments[got], &views[got],
-                               EXPECTED[got].is_out ? flags | PyBUF_WRITABLE : flags)) {
-            good = 0;
-            break;
-        }
-        if (!is_as_expected(&views[got], got)) {
-            PyErr_Format(PyExc_TypeError, "Expected another kind or shape of %s",
-                         EXPECTED[got].name);
-            good = 0;
-            got++;
-            break;
-        }
-    }
-    if (good) {
-        const Work work = {views[POINTS].buf, views[FIRST].buf,  views[PAIRS].buf,
-                           views[SHIFTS].buf, views[STARTS].buf, views[RISES].buf,
-                           views[MEASURES].buf, views[PAIRS].shape[0]};
-        good = are_consistent(views, &work);
-        if (good) {
-            Py_BEGIN_ALLOW_THREADS
-            good = walk_all(&work, is_least);
-            Py_END_ALLOW_THREADS
-            if (!good)
-                PyErr_NoMemory();
-        }
-    }
-    while (got > 0)
-        PyBuffer_Release(&views[--got]);
-    if (!good)
+    const Array expected[] = {POINTS, FIRST, PAIRS, SHIFTS,
+                              {"starts", 'q', 2, 1}, {"rises", '?', 0, 1}, {"measures", 'd', 2, 1}};
+    Arrays arrays;
+    if (!take(&arrays, arguments, count, expected, 7))
         return NULL;
-    Py_RETURN_NONE;
+    const Py_buffer *views = arrays.views;
+    const Work work = {.points = views[0].buf, .first = views[1].buf, .pairs = views[2].buf,
+                       .shifts = views[3].buf, .starts = views[4].buf, .rises = views[5].buf,
+                       .measures = views[6].buf, .bands = views[2].shape[0]};
+    int good = views[3].shape[0] == work.bands && views[4].shape[0] == work.bands
+               && views[6].shape[0] == work.bands, is_done = 1;
+    good = good && are_consistent(&work, views[1].shape[0] - 1, views[0].shape[0],
+                                  views[5].shape[0]);
+    Py_BEGIN_ALLOW_THREADS
+    is_done = !good || walk_all(&work, is_least);
+    Py_END_ALLOW_THREADS
+    return ended(&arrays, good, is_done);
 }
 
 static PyObject *greedy(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -400,11 +539,55 @@ static PyObject *least(PyObject *module, PyObject *const *arguments, Py_ssize_t 
     return walk(arguments, count, 1);
 }
 
+static PyObject *expect(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    const Array expected[] = {POINTS, FIRST, PAIRS, {"expected", 'd', EXPECTATIONS, 1}};
+    Arrays arrays;
+    if (!take(&arrays, arguments, count, expected, 4))
+        return NULL;
+    const Py_buffer *views = arrays.views;
+    const Work work = {.points = views[0].buf, .first = views[1].buf, .pairs = views[2].buf,
+                       .bands = views[2].shape[0]};
+    const int good = views[3].shape[0] == work.bands
+                     && are_consistent(&work, views[1].shape[0] - 1, views[0].shape[0], -1);
+    Py_BEGIN_ALLOW_THREADS
+    if (good)
+        expect_all(&work, views[3].buf);
+    Py_END_ALLOW_THREADS
+    return ended(&arrays, good, 1);
+}
+
+static PyObject *lay(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    const Array expected[] = {FIRST, PAIRS, {"starts", 'q', 2, 0}, {"rises", '?', 0, 0},
+                              {"triangles", 'q', 3, 1}, {"edges", 'q', 0, 1}};
+    Arrays arrays;
+    if (!take(&arrays, arguments, count, expected, 6))
+        return NULL;
+    const Py_buffer *views = arrays.views;
+    const Work work = {.first = views[0].buf, .pairs = views[1].buf, .starts = views[2].buf,
+                       .rises = views[3].buf, .bands = views[1].shape[0]};
+    const Py_ssize_t steps = views[3].shape[0];
+    const int good = views[2].shape[0] == work.bands && views[4].shape[0] == steps
+                     && views[5].shape[0] == steps
+                     && are_consistent(&work, views[0].shape[0] - 1, PY_SSIZE_T_MAX, steps)
+                     && are_walks(&work);
+    Py_BEGIN_ALLOW_THREADS
+    if (good)
+        lay_all(&work, views[4].buf, views[5].buf);
+    Py_END_ALLOW_THREADS
+    return ended(&arrays, good, 1);
+}
+
+#define METHOD(name, text) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, text}
+
 static PyMethodDef METHODS[] = {
-    {"greedy", (PyCFunction)(void (*)(void))greedy, METH_FASTCALL,
-     "Walk by the shorter of the two diagonals."},
-    {"least", (PyCFunction)(void (*)(void))least, METH_FASTCALL,
-     "Walk so that the triangles have the least area in total."},
+    METHOD(greedy, "Walk by the shorter of the two diagonals."),
+    METHOD(least, "Walk so that the triangles have the least area in total."),
+    METHOD(expect, "Measure pairs of contours for what they suggest of the bands between them."),
+    METHOD(lay, "Write the triangles of walks."),
     {NULL, NULL, 0, NULL},
 };
 

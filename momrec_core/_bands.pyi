@@ -21,3 +21,19 @@ def least(
     measures: NDArray[np.float64],
     /,
 ) -> None: ...
+def expect(
+    points: NDArray[np.float64],
+    first: NDArray[np.int64],
+    pairs: NDArray[np.int64],
+    expected: NDArray[np.float64],
+    /,
+) -> None: ...
+def lay(
+    first: NDArray[np.int64],
+    pairs: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    rises: NDArray[np.bool_],
+    triangles: NDArray[np.int64],
+    edges: NDArray[np.int64],
+    /,
+) -> None: ...

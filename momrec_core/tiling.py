@@ -42,12 +42,12 @@ def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]
         Closed, edge-manifold, facing outward.
     """
     contours = _Contours.of_layers([slabs[0].below, *(slab.above for slab in slabs)])
-    bands, groups = _bands(contours, slabs)
+    bands, edges, groups = _bands(contours, slabs)
     joins = [group for group in groups if group.below and group.above]
     links = contours.insert_contacts(joins)
     contours.settle()
     joined, failed = join_knots(contours.points, contours.knots(joins, links))
-    triangles = [_divided(contours, bands), joined]
+    triangles = [_divided(contours, bands, edges), joined]
     alone = (group for group in groups if not (group.below and group.above))
     triangles.extend(_caps(contours, [*alone, *(joins[index] for index in failed)]))
     return double_shared_edges(contours.points, np.concatenate(triangles))
@@ -207,45 +207,45 @@ class _Contours:
         return [[self.order[first[ring] : first[ring + 1]] for ring in piece] for piece in pieces]
 
 
-def _bands(contours: _Contours, slabs: Sequence[Slab]) -> tuple[NDArray[np.int64], list[_Group]]:
+def _bands(
+    contours: _Contours, slabs: Sequence[Slab]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], list[_Group]]:
     """Join the contours that match one to one.
 
     Returns
     -------
     triangles : array of int, shape (m, 3)
-        As in `Bands`, between the contours' own corners.
+        As of `Bands`, between the contours' own corners.
+    edges : array of int, shape (m,)
+        The corner that the edge of each starts from.
     groups : list of _Group
         The pieces that are left: the knots, and pairs of pieces that are poorly joined so.
     """
-    owners = [(index, pieces) for index, slab in enumerate(slabs) for pieces in slab.pairs]
-    counts = [len(slabs[index].pairs[pieces]) for index, pieces in owners]
-    pairs = np.array(
-        [
-            contours.base[index : index + 2] + pair
-            for index, pieces in owners
-            for pair in slabs[index].pairs[pieces]
-        ],
-        dtype=np.int64,
-    ).reshape(-1, 2)
+    owners = [(index, *match) for index, slab in enumerate(slabs) for match in slab.pairs.items()]
+    owner_of = np.repeat(np.arange(len(owners)), [len(pairs) for _, _, pairs in owners])
+    local = chain.from_iterable(chain.from_iterable(pairs) for _, _, pairs in owners)
+    slab_of = np.array([index for index, _, _ in owners], dtype=np.int64)[owner_of]
+    pairs = np.fromiter(local, dtype=np.int64, count=2 * len(owner_of)).reshape(-1, 2)
+    pairs += np.column_stack([contours.base[slab_of], contours.base[slab_of + 1]])
     bands = walk_bands(contours.corners, pairs)
-    owner_of = np.repeat(np.arange(len(owners)), counts)
-    is_poor = np.bincount(owner_of, weights=bands.is_poor, minlength=len(owners)) > 0
+    is_poor = np.bincount(owner_of[bands.is_poor], minlength=len(owners)) > 0
     groups = [(index, group) for index, slab in enumerate(slabs) for group in slab.knots]
     for poor in np.flatnonzero(is_poor):
-        index, (low, high) = owners[poor]
+        index, (low, high), _ = owners[poor]
         groups.append((index, ([low], [high])))
-    kept = ~is_poor[owner_of][bands.bands]
-    return bands.triangles[kept], [contours.group(slabs, *it) for it in groups]
+    triangles, edges = bands.triangles(np.flatnonzero(~is_poor[owner_of]))
+    return triangles, edges, [contours.group(slabs, *it) for it in groups]
 
 
-def _divided(contours: _Contours, triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def _divided(
+    contours: _Contours, triangles: NDArray[np.int64], edges: NDArray[np.int64]
+) -> NDArray[np.int64]:
     """Divide the triangles of bands along contours that have got vertices on their edges."""
-    heights = contours.points[:, 2]
-    runs = heights[triangles[:, 1]] > heights[triangles[:, 0]]
-    is_whole = np.diff(contours.ends)[np.where(runs, triangles[:, 2], triangles[:, 0])] == 1
-    runs = runs[~is_whole]
+    is_whole = (np.diff(contours.ends) == 1)[edges]
     low, end, high = triangles[~is_whole].T
-    edges, apexes = np.where(runs, [high, low], [low, high])
+    edges = edges[~is_whole]
+    runs = edges == high
+    apexes = np.where(runs, low, high)
     first = contours.ends[edges]
     owners, positions = number_within(contours.ends[edges + 1] - first)
     at = first[owners] + positions

@@ -9,7 +9,7 @@ import numpy as np
 from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 
-from momrec_core._bands import greedy, least
+from momrec_core._bands import expect, greedy, lay, least
 from momrec_core.rings import Rings, number_within
 
 __all__ = ["Bands", "walk_bands"]
@@ -21,26 +21,6 @@ DOUBTFUL_MISFIT = 0.05  # bands above are worth the second look
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
 WASTEFUL = 1.3  # times a stepped surface's area: a band above leads nowhere, a slanted one is below
 TIE = 1e-6  # of a misfit: walks that fit better by less do so by rounding
-
-
-@dataclass(frozen=True, eq=False)
-class Bands:
-    """Triangles between pairs of contours.
-
-    Attributes
-    ----------
-    triangles : array of int, shape (m, 3)
-        Either an edge below and a vertex above, in this order, or a vertex below and an edge
-        above that the triangle uses backward.
-    bands : array of int, shape (m,)
-        The pair of contours that each triangle is of.
-    is_poor : array of bool, shape (pairs,)
-        Where even the best band is far from what its contours suggest.
-    """
-
-    triangles: NDArray[np.int64]
-    bands: NDArray[np.int64]
-    is_poor: NDArray[np.bool_]
 
 
 def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
@@ -74,9 +54,6 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     polygonal element mosaics, 1978 (reference 18 of the paper). H. Fuchs, Z. M. Kedem and
     S. P. Uselton, Optimal surface reconstruction from planar contours, 1977.
     """
-    if len(pairs) == 0:
-        none = np.empty(0, dtype=np.int64)
-        return Bands(none.reshape(0, 3), none, none.astype(bool))
     expected = _Expectations.of(rings, pairs)
     walks = _walk(rings, pairs, np.zeros_like(expected.shift), greedy)
     misfits = _misfits(walks, expected)
@@ -87,31 +64,23 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     walks = walks.replaced(doubtful, better)
     is_poor = misfits > POOR_MISFIT + expected.slant
     slanted = np.flatnonzero((misfits > POOR_MISFIT) & ~is_poor)
-    is_poor[slanted] = _is_wasteful(rings, pairs[slanted], walks.measures[slanted, 0])
-    triangles, bands = walks.triangles(rings)
-    return Bands(triangles, bands, is_poor)
+    is_poor[slanted] = _are_wasteful(rings, walks[slanted], expected.stepped[slanted])
+    return Bands(rings, walks, is_poor)
 
 
-def _is_wasteful(
-    rings: Rings, pairs: NDArray[np.int64], areas: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Tell which bands lead nowhere, by their areas.
+def _are_wasteful(rings: Rings, walks: _Walks, stepped: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which bands lead nowhere: larger than stepped surfaces, whose least areas are given."""
+    areas = walks.measures[:, 0]
+    wasteful = np.flatnonzero(areas > WASTEFUL * stepped)
+    excess = [_excess(*(_region(rings, ring) for ring in pair)) for pair in walks.pairs[wasteful]]
+    is_wasteful = np.zeros(len(areas), dtype=bool)
+    is_wasteful[wasteful] = areas[wasteful] > WASTEFUL * (stepped[wasteful] + np.array(excess))
+    return is_wasteful
 
-    They are larger than surfaces that run level where the contours differ and upright elsewhere.
-    """
-    low, high = pairs.T
-    height = rings.points[rings.first[high], 2] - rings.points[rings.first[low], 2]
-    upright = height * (rings.lengths[low] + rings.lengths[high]) / 2
-    inside = np.abs(rings.areas[pairs])
-    is_wasteful = areas > WASTEFUL * (upright + np.abs(np.diff(inside)[:, 0]))  # and maybe then
-    doubtful = np.flatnonzero(is_wasteful)
-    common = [
-        (_region(rings, one) ^ _region(rings, other)).area()
-        for one, other in pairs[doubtful].tolist()
-    ]
-    differing = inside[doubtful].sum(axis=1) - 2 * np.array(common)
-    is_wasteful[doubtful] = areas[doubtful] > WASTEFUL * (upright[doubtful] + differing)
-    return np.asarray(is_wasteful)
+
+def _excess(below: CrossSection, above: CrossSection) -> float:
+    """Return by how much more regions differ than if one contained the other."""
+    return float(2 * (min(below.area(), above.area()) - (below ^ above).area()))
 
 
 def _region(rings: Rings, ring: int) -> CrossSection:
@@ -169,18 +138,41 @@ class _Walks:
         places: NDArray[np.int64] = first[chosen][owners] + positions
         return places
 
-    def triangles(self, rings: Rings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the triangles, as in `Bands`, and the band of each."""
-        bands, positions = number_within(self.steps)
-        before: NDArray[np.int64] = np.cumsum(self.rises) - self.rises
-        taken: NDArray[np.int64] = before - before[np.cumsum(self.steps) - self.steps][bands]
-        corners = []
-        for side, passed in enumerate((taken, positions - taken)):
-            ring = self.pairs[:, side]
-            place = (self.starts[bands, side] + passed) % rings.counts[ring][bands]
-            corners.append(rings.first[ring][bands] + place)
-        third = rings.following[np.where(self.rises, *corners)]
-        return np.column_stack([corners[0], third, corners[1]]), bands
+
+@dataclass(frozen=True, eq=False)
+class Bands:
+    """Bands of triangles between pairs of contours.
+
+    Attributes
+    ----------
+    rings : Rings
+        The contours.
+    walks : _Walks
+        How the bands go around them.
+    is_poor : array of bool, shape (bands,)
+        Where even the best band is far from what its contours suggest.
+    """
+
+    rings: Rings
+    walks: _Walks
+    is_poor: NDArray[np.bool_]
+
+    def triangles(self, chosen: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the triangles of some of the bands.
+
+        Returns
+        -------
+        triangles : array of int, shape (m, 3)
+            Either an edge below and a vertex above, in this order, or a vertex below and an edge
+            above that the triangle uses backward.
+        edges : array of int, shape (m,)
+            The vertex that the edge starts from.
+        """
+        walks = self.walks[chosen]
+        triangles = np.empty((len(walks.rises), 3), dtype=np.int64)
+        edges = np.empty(len(triangles), dtype=np.int64)
+        lay(self.rings.first, walks.pairs, walks.starts, walks.rises, triangles, edges)
+        return triangles, edges
 
 
 def _walk(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64], how: _Way) -> _Walks:
@@ -189,8 +181,7 @@ def _walk(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64], h
     starts = np.empty_like(pairs)
     rises = np.empty(steps.sum(), dtype=bool)
     measures = np.empty((len(pairs), 2))
-    points, first = np.ascontiguousarray(rings.points), np.ascontiguousarray(rings.first)
-    how(points, first, np.ascontiguousarray(pairs), shifts, starts, rises, measures)
+    how(rings.points, rings.first, pairs, shifts, starts, rises, measures)
     return _Walks(pairs, starts, steps, rises, measures)
 
 
@@ -208,6 +199,9 @@ class _Expectations:
         Between the contours; negative for holes.
     base : array, shape (bands,)
         What the caps contribute to the volume, see `_misfits`.
+    stepped : array, shape (bands,)
+        Area of a surface that is level where the contours differ and upright elsewhere, did one
+        contain the other; it is larger else.
     shift : array, shape (bands, 2)
         From the centroid below to the one above.
     """
@@ -216,25 +210,15 @@ class _Expectations:
     slant: NDArray[np.float64]
     volume: NDArray[np.float64]
     base: NDArray[np.float64]
+    stepped: NDArray[np.float64]
     shift: NDArray[np.float64]
 
     @classmethod
     def of(cls, rings: Rings, pairs: NDArray[np.int64]) -> _Expectations:
-        low, high = pairs.T
-        bottom, top = rings.points[rings.first[low], 2], rings.points[rings.first[high], 2]
-        area1, area2 = rings.areas[low], rings.areas[high]
-        shift = rings.centroids[high] - rings.centroids[low]
-        height = top - bottom
-        upright = height * (rings.lengths[low] + rings.lengths[high]) / 2
-        vertices, sides = rings.around(np.concatenate([low, high]))
-        bands = sides % len(pairs)
-        (x, y), (shift_x, shift_y) = rings.edges[vertices].T, shift[bands].T
-        squares = (height**2)[bands] * (x**2 + y**2) + (x * shift_y - y * shift_x) ** 2
-        slanted = np.bincount(bands, weights=np.sqrt(squares)) / 2
-        area = np.hypot(upright, area2 - area1)
-        mean = (area1 + area2 + np.sign(area1) * np.sqrt(area1 * area2)) / 3
-        slant = np.hypot(slanted, area2 - area1) / area - 1
-        return cls(area, slant, height * mean, top * area2 - bottom * area1, shift)
+        columns = np.empty((len(pairs), 7))
+        expect(rings.points, rings.first, pairs, columns)
+        area, slant, volume, base, stepped = columns[:, :5].T
+        return cls(area, slant, volume, base, stepped, np.ascontiguousarray(columns[:, 5:]))
 
     def __getitem__(self, chosen: NDArray[np.int64]) -> _Expectations:
         return _Expectations(
@@ -242,6 +226,7 @@ class _Expectations:
             self.slant[chosen],
             self.volume[chosen],
             self.base[chosen],
+            self.stepped[chosen],
             self.shift[chosen],
         )
 

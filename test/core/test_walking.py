@@ -5,10 +5,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from momrec_core._bands import greedy, least
+from momrec_core._bands import expect, greedy, lay, least
 from momrec_core.rings import Rings
 from momrec_core.walking import walk_bands
 
@@ -178,7 +179,8 @@ def test_ties_are_not_decided_by_rounding(count, turn, radius, seed):
         assert np.array_equal(rises, other_rises)
     pairs = np.array([[0, 1]])
     bands = walk_bands(exact, pairs), walk_bands(rounded, pairs)
-    assert np.array_equal(bands[0].triangles, bands[1].triangles)
+    chosen = np.array([0])
+    assert np.array_equal(bands[0].triangles(chosen)[0], bands[1].triangles(chosen)[0])
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e100, 1e160])
@@ -197,16 +199,64 @@ def test_coordinates_beyond_measure_end_in_a_walk_all_the_same(how, value):
 def test_a_band_uses_every_edge_of_both_contours_once():
     rng = np.random.default_rng(7)
     rings = pair_of(star(rng, 30), star(rng, 21))
-    bands = walk_bands(rings, np.array([[0, 1]]))
+    triangles, starts = walk_bands(rings, np.array([[0, 1]])).triangles(np.array([0]))
     edges = {
         (int(tail), int(head))
-        for triangle in bands.triangles
+        for triangle in triangles
         for tail, head in zip(triangle, np.roll(triangle, -1), strict=True)
     }
     below, above = np.arange(30), np.arange(30, 51)
-    assert len(bands.triangles) == 51
+    assert sorted(starts.tolist()) == list(range(51))
+    assert len(triangles) == 51
     assert edges >= set(zip(below.tolist(), np.roll(below, -1).tolist(), strict=True))
     assert edges >= set(zip(np.roll(above, -1).tolist(), above.tolist(), strict=True))
+
+
+@given(st.integers(8, 30), st.integers(8, 30), seeds)
+def test_expectations_are_those_of_prisms_and_slanted_prisms(below, above, seed):
+    rng = np.random.default_rng(seed)
+    shift = rng.uniform(-2.0, 2.0, 2)
+    rings = pair_of(lobed(rng, below), lobed(rng, above) + shift)
+    rings.points[:, 2] += 3.0
+    found = np.empty((1, 7))
+    expect(rings.points, rings.first, np.array([[0, 1]]), found)
+    low, high = (shapely.Polygon(rings.points[a:b, :2]) for a, b in ((0, below), (below, None)))
+    (x, y), (other_x, other_y) = (np.ravel(side.centroid.coords) for side in (low, high))
+    upright, widening = HEIGHT * (low.length + high.length) / 2, abs(high.area - low.area)
+    area = math.hypot(upright, widening)
+    way = np.array([other_x - x, other_y - y, HEIGHT])
+    edges = rings.points[rings.following] - rings.points
+    edges[:, 2] = 0.0
+    slanted = np.linalg.norm(np.cross(edges, way), axis=1).sum() / 2
+    volume = HEIGHT * (low.area + high.area + math.sqrt(low.area * high.area)) / 3
+    base = (3.0 + HEIGHT) * high.area - 3.0 * low.area
+    slant = math.hypot(slanted, widening) / area - 1
+    expected = [area, slant, volume, base, upright + widening, *way[:2]]
+    np.testing.assert_allclose(found[0], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_only_walks_around_their_contours_are_laid():
+    rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
+    pairs, starts = np.array([[0, 1]]), np.array([[4, 3]])
+    triangles, edges = np.empty((9, 3), dtype=np.int64), np.empty(9, dtype=np.int64)
+    rises = np.arange(9) < 5
+    lay(rings.first, pairs, starts, rises, triangles, edges)
+    assert triangles[0].tolist() == [4, 0, 8]
+    assert triangles[-1].tolist() == [4, 8, 7]
+    assert edges.tolist() == [4, 0, 1, 2, 3, 8, 5, 6, 7]
+    for wrong in (
+        (starts, np.arange(9) < 6),
+        (starts + 1, rises),
+        (starts - 5, rises),
+        (starts, rises[:-1].copy()),
+        (starts[:0], rises),
+    ):
+        with pytest.raises(ValueError, match="arrays that agree"):
+            lay(rings.first, pairs, *wrong, triangles, edges)
+    with pytest.raises(ValueError, match="arrays that agree"):
+        lay(rings.first, pairs, starts, rises, triangles[:8], edges)
+    with pytest.raises(TypeError, match="Expected 6 arrays, got 5"):
+        lay(rings.first, pairs, starts, rises, triangles)
 
 
 @pytest.mark.parametrize(
