@@ -58,10 +58,12 @@ setup(
     package_data={"momrec_core": ["py.typed", "*.pyi"], "momrec_ros": ["py.typed"]},
     ext_modules=[
         Extension(
-            "momrec_core._bands",
-            ["momrec_core/_bands.c"],
+            f"momrec_core.{name}",
+            [f"momrec_core/{name}.c"],
+            depends=["momrec_core/_arrays.h"],
             extra_compile_args=["-O3", "-fno-math-errno"],  # square roots of several at once
         )
+        for name in ("_bands", "_clipping")
     ],
     data_files=shared_files(),
     python_requires=">=3.11",

@@ -1,0 +1,56 @@
+/* Arrays handed over from Python by the buffer protocol, checked before C trusts them. */
+
+#ifndef MOMREC_ARRAYS_H
+#define MOMREC_ARRAYS_H
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+/* What an argument must be. */
+typedef struct {
+    const char *name;
+    char kind;   /* d: float64, q: int64, ?: bool */
+    int columns; /* 0: one-dimensional */
+    int is_out;
+} ArrayKind;
+
+static inline int is_of_kind(const Py_buffer *view, const ArrayKind *kind)
+{
+    const char *format = view->format ? view->format : "B";
+    const int fits = *format == kind->kind
+                     || (kind->kind == 'q' && *format == 'l' && view->itemsize == 8);
+    return fits && view->ndim == 1 + (kind->columns > 0)
+           && (!kind->columns || view->shape[1] == kind->columns);
+}
+
+static inline void release_arrays(Py_buffer *views, int count)
+{
+    while (count > 0)
+        PyBuffer_Release(&views[--count]);
+}
+
+/* Get contiguous arrays of the expected kinds; return 0 with an error set if one is not. */
+static inline int get_arrays(PyObject *const *arguments, Py_ssize_t given, const ArrayKind *kinds,
+                             int count, Py_buffer *views)
+{
+    if (given != count) {
+        PyErr_Format(PyExc_TypeError, "Expected %d arrays, got %zd", count, given);
+        return 0;
+    }
+    for (int got = 0; got < count; got++) {
+        const int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT;
+        if (PyObject_GetBuffer(arguments[got], &views[got],
+                               kinds[got].is_out ? flags | PyBUF_WRITABLE : flags)) {
+            release_arrays(views, got);
+            return 0;
+        }
+        if (!is_of_kind(&views[got], &kinds[got])) {
+            PyErr_Format(PyExc_TypeError, "Expected another kind or shape of %s", kinds[got].name);
+            release_arrays(views, got + 1);
+            return 0;
+        }
+    }
+    return 1;
+}
+
+#endif
