@@ -14,6 +14,7 @@
 #include <string.h>
 
 enum { MOST_STRIPS = 4096, EDGES_A_STRIP = 8 }; /* fewer strips cost more tests, more cost more entries */
+enum { MOST_LEFT_OUT = 16 }; /* vertices one after the other: so that time stays linear */
 
 /* Rings, one behind the other, and regions of rings, likewise; the inside is on their left. */
 typedef struct {
@@ -489,6 +490,62 @@ static int intersect_all(const Work *work, Room *room)
     return 1;
 }
 
+/* --- simplification ----------------------------------------------------------------------- */
+
+static double distance_squared(const double *start, const double *end, const double *point)
+{
+    const double span[2] = {end[0] - start[0], end[1] - start[1]};
+    double away[2] = {point[0] - start[0], point[1] - start[1]};
+    const double square = span[0] * span[0] + span[1] * span[1];
+    double along = square > 0 ? (away[0] * span[0] + away[1] * span[1]) / square : 0.0;
+    along = lesser(greater(along, 0.0), 1.0);
+    for (int axis = 0; axis < 2; axis++)
+        away[axis] -= along * span[axis];
+    return away[0] * away[0] + away[1] * away[1];
+}
+
+/* Add a ring without the vertices that lie within a tolerance of the edge which that makes. */
+static int add_simplified(Room *room, const double *points, int64_t count, double tolerance)
+{
+    const size_t begin = room->points.count;
+    int64_t anchor = 0;
+    if (!add_point(room, points))
+        return 0;
+    for (int64_t vertex = 1; vertex < count; vertex++) {
+        const double *next = points + 2 * ((vertex + 1) % count);
+        int stands_out = vertex - anchor > MOST_LEFT_OUT;
+        for (int64_t passed = anchor + 1; passed <= vertex && !stands_out; passed++)
+            stands_out = distance_squared(points + 2 * anchor, next, points + 2 * passed)
+                         > tolerance * tolerance;
+        if (!stands_out)
+            continue;
+        if (!add_point(room, points + 2 * vertex))
+            return 0;
+        anchor = vertex;
+    }
+    if (room->points.count < begin + 3) {
+        room->points.count = begin;
+        return 1;
+    }
+    return add_end(&room->rings, room->points.count);
+}
+
+static int simplify_all(const Regions *regions, double tolerance, Room *room)
+{
+    if (!add_end(&room->rings, 0) || !add_end(&room->regions, 0))
+        return 0;
+    for (Py_ssize_t region = 0; region < regions->count; region++) {
+        for (int64_t ring = regions->regions[region]; ring < regions->regions[region + 1]; ring++) {
+            const int64_t begin = regions->rings[ring], end = regions->rings[ring + 1];
+            if (!add_simplified(room, regions->points + 2 * begin, end - begin, tolerance))
+                return 0;
+        }
+        if (!add_end(&room->regions, room->rings.count - 1))
+            return 0;
+    }
+    return 1;
+}
+
 static void free_room(Room *room)
 {
     List *const lists = (List *)room;
@@ -564,39 +621,80 @@ static PyObject *bytes_of(const List *list)
     return PyBytes_FromStringAndSize(list->items, (Py_ssize_t)(list->count * list->size));
 }
 
+/* Return the regions of a room and empty it, or raise a MemoryError. */
+static PyObject *result_of(Room *room, int fits)
+{
+    PyObject *result = fits ? Py_BuildValue("NNN", bytes_of(&room->points), bytes_of(&room->rings),
+                                            bytes_of(&room->regions))
+                            : PyErr_NoMemory();
+    free_room(room);
+    return result;
+}
+
+/* Get arrays, and a tolerance after them; return 0 with an error set if that fails. */
+static int get_all(PyObject *const *arguments, Py_ssize_t given, int count, Py_buffer *views,
+                   double *tolerance)
+{
+    *tolerance = given == count + 1 ? PyFloat_AsDouble(arguments[count]) : 0.0;
+    return !PyErr_Occurred() && get_arrays(arguments, given - 1, KINDS, count, views);
+}
+
+static void reject(void)
+{
+    PyErr_SetString(PyExc_ValueError,
+                    "Expected finite rings of three vertices or more, and arrays that agree");
+}
+
 static PyObject *intersect(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Py_buffer views[ARRAYS];
     Work work;
-    Room room;
-    PyObject *result = NULL;
-    work.tolerance = count == ARRAYS + 1 ? PyFloat_AsDouble(arguments[ARRAYS]) : 0.0;
-    if (PyErr_Occurred() || !get_arrays(arguments, count - (count > 0), KINDS, ARRAYS, views))
+    if (!get_all(arguments, count, ARRAYS, views, &work.tolerance))
         return NULL;
-    if (!is_consistent(views, &work)) {
-        PyErr_SetString(PyExc_ValueError,
-                        "Expected finite rings of three vertices or more, and arrays that agree");
-    } else {
+    PyObject *result = NULL;
+    if (is_consistent(views, &work)) {
+        Room room = {0};
         int fits;
-        memset(&room, 0, sizeof(Room));
         Py_BEGIN_ALLOW_THREADS
         fits = intersect_all(&work, &room);
         Py_END_ALLOW_THREADS
-        if (fits)
-            result = Py_BuildValue("NNN", bytes_of(&room.points), bytes_of(&room.rings),
-                                   bytes_of(&room.regions));
-        else
-            PyErr_NoMemory();
-        free_room(&room);
+        result = result_of(&room, fits);
+    } else {
+        reject();
     }
     release_arrays(views, ARRAYS);
+    return result;
+}
+
+static PyObject *simplify(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Py_buffer views[OUTLINE_POINTS];
+    Regions regions;
+    double tolerance;
+    if (!get_all(arguments, count, OUTLINE_POINTS, views, &tolerance))
+        return NULL;
+    PyObject *result = NULL;
+    if (are_regions(views, &regions)) {
+        Room room = {0};
+        int fits;
+        Py_BEGIN_ALLOW_THREADS
+        fits = simplify_all(&regions, tolerance, &room);
+        Py_END_ALLOW_THREADS
+        result = result_of(&room, fits);
+    } else {
+        reject();
+    }
+    release_arrays(views, OUTLINE_POINTS);
     return result;
 }
 
 static PyMethodDef METHODS[] = {
     {"intersect", (PyCFunction)(void (*)(void))intersect, METH_FASTCALL,
      "Intersect the region of each plane with an outline, scaled and shifted."},
+    {"simplify", (PyCFunction)(void (*)(void))simplify, METH_FASTCALL,
+     "Leave out vertices that lie within a tolerance of the edge which that makes."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -23,3 +23,16 @@ def intersect(
     and the first ring of each region; the latter two also tell where the last one ends. The
     result is such three arrays; a plane that is doubtful has an empty region in it.
     """
+
+def simplify(
+    points: NDArray[np.float64],
+    rings: NDArray[np.int64],
+    regions: NDArray[np.int64],
+    tolerance: float,
+    /,
+) -> tuple[bytes, bytes, bytes]:
+    """Leave out vertices that lie within a tolerance of the edge which that makes.
+
+    Takes regions and returns them as `intersect` does; rings that are left with fewer than three
+    vertices are left out.
+    """

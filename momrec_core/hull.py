@@ -8,7 +8,6 @@ from typing import Any, Self
 
 import numpy as np
 import trimesh
-from manifold3d import CrossSection
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 
@@ -22,10 +21,10 @@ from momrec_core.layers import (
     Layer,
     Slabs,
     layers_of_sections,
-    region_of_section,
     without_flakes,
     without_needless,
 )
+from momrec_core.regions import Regions
 from momrec_core.slicing import (
     Intersection,
     Levels,
@@ -172,7 +171,7 @@ class VisualHull:
             self._settle()
 
     @property
-    def _sections(self) -> list[CrossSection]:
+    def _sections(self) -> Regions:
         return self._levels[-1]
 
     def _begin(self) -> None:
@@ -187,7 +186,7 @@ class VisualHull:
         self._family = self._first_region(index, normal)
         if self._family.high <= self._family.low:
             self.emptied_by = last
-            self._levels = [[CrossSection()] * self._count]
+            self._levels = [Regions.of_rings([[]] * self._count)]
             return
         self._cut()
         self._after_clipping(None)
@@ -204,7 +203,7 @@ class VisualHull:
         family = self._require_family()
         self._levels = self._intersection(family).levels(family.offsets)
 
-    def _after_clipping(self, before: list[CrossSection] | None) -> None:
+    def _after_clipping(self, before: Regions | None) -> None:
         """Keep enough planes on a hull that has become small, and notice when it is gone.
 
         The hull was where the sections before met it; without them, it may be anywhere.
@@ -252,8 +251,8 @@ class VisualHull:
         """Lay the planes anew between the ends of what is left of the hull."""
         family = self._require_family()
         occupied = _occupied(self._sections)
-        bounds = np.array([self._sections[index].bounds() for index in occupied])
-        corner_low, corner_high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+        points = self._sections.rings.points
+        corner_low, corner_high = points.min(axis=0), points.max(axis=0)
         ends = self._find_ends(self._bracket(occupied), family.offsets[occupied[[0, -1]]])
         self._lay(corner_low, corner_high, ends)
 
@@ -286,7 +285,7 @@ class VisualHull:
                 break
             from_low = low + steps * (low_inside - low)
             from_high = high + steps * (high_inside - high)
-            found = _meets(hull.cut(np.concatenate([from_low, from_high])))
+            found = hull.cut(np.concatenate([from_low, from_high])).is_met
             low, low_inside = _narrow(low, low_inside, from_low, found[:SEARCH_PLANES])
             high, high_inside = _narrow(high, high_inside, from_high, found[SEARCH_PLANES:])
         return low, high
@@ -336,13 +335,14 @@ class VisualHull:
         return True
 
     def _outlines(self, most: int) -> NDArray[np.float64]:
-        """Return corners of so many sections' convex hulls in the world, shape (n, 3)."""
+        """Return the vertices of so many sections in the world, shape (n, 3)."""
         family = self._require_family()
         occupied = _occupied(self._sections)
         chosen = occupied[np.linspace(0, len(occupied) - 1, min(most, len(occupied))).astype(int)]
-        outlines = [self._sections[index].hull().to_polygons()[0] for index in chosen]
-        heights = np.repeat(family.offsets[chosen], [len(outline) for outline in outlines])
-        return family.to_world(np.column_stack([np.concatenate(outlines), heights]))
+        sections = self._sections.take(chosen)
+        counts = np.diff(sections.rings.first[sections.first])
+        heights = np.repeat(family.offsets[chosen], counts)
+        return family.to_world(np.column_stack([sections.rings.points, heights]))
 
     def _turn_to(self, normal: NDArray[np.float64], pair: tuple[int, int] | None) -> None:
         """Lay the planes perpendicular to another normal, the common line of a pair or not."""
@@ -361,7 +361,7 @@ class VisualHull:
         hull = self._intersection(self._require_family())
         margin = END_MARGIN * (inside[1] - inside[0]) * np.array([-1.0, 1.0])
         for _ in range(WIDENINGS):
-            met = _meets(hull.cut(inside + margin))
+            met = hull.cut(inside + margin).is_met
             if not met.any():
                 break
             margin[met] *= 2
@@ -396,7 +396,7 @@ class VisualHull:
     def sections(self) -> list[MultiPolygon]:
         """Cross-section with each plane, in the planes' frame's x and y, metres."""
         unit = self._settled().unit
-        return [region_of_section(section, unit) for section in self._sections]
+        return self._sections.polygons(unit)
 
     def mesh(self) -> trimesh.Trimesh:
         """Join the slices into a closed surface.
@@ -441,9 +441,10 @@ class VisualHull:
         inset = END_INSET * family.spacing
         ends = np.array([family.low + inset, family.high - inset])
         hull = self._intersection(family)
-        bottom, top = hull.cut(ends)
+        caps, none = hull.cut(ends), Regions.of_rings([[]])
         offsets = [family.low, ends[0], *family.offsets, ends[1], family.high]
-        sections = [CrossSection(), bottom, *self._sections, top, CrossSection()]
+        parts = [none, caps.part(0, 1), self._sections, caps.part(1, 2), none]
+        sections = Regions.joined(parts)
         layers = layers_of_sections(offsets, sections)
         largest = max(layer.area for layer in layers)
         doubtful = DOUBTFUL_VOLUME * family.spacing * sum(layer.area for layer in layers)
@@ -477,12 +478,8 @@ def _outlast(pairs: Sequence[tuple[int, int]], spare: int) -> bool:
     )
 
 
-def _meets(sections: list[CrossSection]) -> NDArray[np.bool_]:
-    return np.array([not section.is_empty() for section in sections])
-
-
-def _occupied(sections: list[CrossSection]) -> NDArray[np.int64]:
-    return np.flatnonzero(_meets(sections))
+def _occupied(sections: Regions) -> NDArray[np.int64]:
+    return np.flatnonzero(sections.is_met)
 
 
 def _narrow(

@@ -9,13 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
-from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
-from shapely import MultiPolygon, Polygon
 
+from momrec_core.regions import Footprints, Regions
 from momrec_core.rings import Rings, number_within
 
 __all__ = [
@@ -23,7 +22,6 @@ __all__ = [
     "Slab",
     "Slabs",
     "layers_of_sections",
-    "region_of_section",
     "without_flakes",
     "without_needless",
 ]
@@ -45,64 +43,46 @@ class Layer:
     ----------
     offset : float
         Along the planes' normal, in units.
-    rings : Rings
-        The contours, in units, piece by piece: the shell, counter-clockwise, then the holes,
-        clockwise.
-    first : array of int, shape (pieces + 1,)
-        The shell of each piece, and the number of contours.
-    polygons : array of Polygon, shape (pieces,)
-        The pieces, prepared for many tests.
+    pieces : Regions
+        The pieces, in units; of each the shell, counter-clockwise, then the holes, clockwise.
     areas : array, shape (pieces,)
         Their areas, in squared units.
-    bounds : array, shape (pieces, 4)
-        Their boxes: least x and y, greatest x and y.
     """
 
     offset: float
-    rings: Rings
-    first: NDArray[np.int64]
-    polygons: NDArray[np.object_]
-
+    pieces: Regions
     areas: NDArray[np.float64]
-    bounds: NDArray[np.float64]
 
     def __len__(self) -> int:
-        return len(self.polygons)
+        return len(self.pieces)
+
+    @property
+    def rings(self) -> Rings:
+        """The contours of all pieces, piece by piece."""
+        return self.pieces.rings
 
     @cached_property
     def area(self) -> float:
         """Area of all pieces, in squared units."""
         return float(self.areas.sum())
 
+    @cached_property
+    def region(self) -> Regions:
+        """All pieces as one region."""
+        return Regions(self.rings, self.pieces.first[[0, -1]])
+
     def contours(self, piece: int) -> range:
         """Return the numbers of a piece's contours: its shell, then its holes."""
-        return range(int(self.first[piece]), int(self.first[piece + 1]))
-
-    def ring(self, contour: int) -> NDArray[np.float64]:
-        """Return the vertices of a contour, shape (n, 2)."""
-        return self.rings.points[self.rings.first[contour] : self.rings.first[contour + 1]]
-
-    def region(self, pieces: Iterable[int]) -> CrossSection:
-        """Return some of the pieces as a cross-section."""
-        loops = [self.ring(contour) for piece in pieces for contour in self.contours(piece)]
-        return CrossSection(loops, FillRule.EvenOdd)
+        return range(int(self.pieces.first[piece]), int(self.pieces.first[piece + 1]))
 
     def only(self, pieces: Sequence[int]) -> Layer:
         """Return a layer of some of the pieces."""
         chosen = np.array(pieces, dtype=np.int64)
-        counts = np.diff(self.first)[chosen]
-        owners, positions = number_within(counts)
-        contours = self.first[chosen][owners] + positions
-        vertices, _ = self.rings.around(contours)
-        starts = np.concatenate([[0], np.cumsum(self.rings.counts[contours])])
-        rings = Rings(self.rings.points[vertices], starts)
-        first = np.concatenate([[0], np.cumsum(counts)])
-        polygons, areas, bounds = self.polygons[chosen], self.areas[chosen], self.bounds[chosen]
-        return Layer(self.offset, rings, first, polygons, areas, bounds)
+        return Layer(self.offset, self.pieces.take(chosen), self.areas[chosen])
 
 
 def layers_of_sections(
-    offsets: Sequence[float] | NDArray[np.float64], sections: Sequence[CrossSection]
+    offsets: Sequence[float] | NDArray[np.float64], sections: Regions
 ) -> list[Layer]:
     """Take the pieces of cross-sections, cleaned of rounding.
 
@@ -110,79 +90,20 @@ def layers_of_sections(
     ----------
     offsets : sequence of float
         Along the planes' normal, in units.
-    sections : sequence of CrossSection
+    sections : Regions
         As many.
 
     Returns
     -------
     layers : list of Layer
     """
-    loops: list[NDArray[np.float64]] = []
-    piece_of: list[int] = []
-    layer_of: list[int] = []
-    for index, section in enumerate(sections):
-        for part in _parts(section.simplify(CLEANING)):
-            kept = [ring for ring in part.to_polygons() if len(ring) > 2]
-            piece_of.extend([len(layer_of)] * len(kept))
-            loops.extend(kept)
-            layer_of.extend([index] * bool(kept))
-    if not loops:
-        return [_empty_layer(offset) for offset in offsets]
-    pieces = np.array(piece_of)
-    rings = _shells_first(loops, pieces)
-    _, vertex_rings = rings.around(np.arange(len(pieces)))
-    polygons = shapely.polygons(
-        shapely.linearrings(rings.points, indices=vertex_rings), indices=pieces
-    )
-    shapely.prepare(polygons)
-    columns = (polygons, shapely.area(polygons), shapely.bounds(polygons))
-    piece_ends = np.searchsorted(layer_of, np.arange(len(sections) + 1))
-    ring_ends = np.searchsorted(pieces, piece_ends)
-    first = np.searchsorted(pieces, np.arange(len(polygons) + 1))
-    layers = []
-    for offset, low, high, begin, end in zip(
-        offsets, piece_ends, piece_ends[1:], ring_ends, ring_ends[1:], strict=False
-    ):
-        start, stop = rings.first[[begin, end]]
-        own = Rings(rings.points[start:stop], rings.first[begin : end + 1] - start)
-        pieces = first[low : high + 1] - begin
-        layers.append(Layer(float(offset), own, pieces, *(it[low:high] for it in columns)))
-    return layers
-
-
-def _empty_layer(offset: float) -> Layer:
-    none = np.zeros(1, dtype=np.int64)
-    rings = Rings(np.empty((0, 2)), none)
-    polygons = np.empty(0, dtype=object)
-    return Layer(float(offset), rings, none, polygons, np.empty(0), np.empty((0, 4)))
-
-
-def _parts(section: CrossSection) -> list[CrossSection]:
-    return [section] if section.num_contour() == 1 else section.decompose()
-
-
-def _shells_first(loops: list[NDArray[np.float64]], pieces: NDArray[np.int64]) -> Rings:
-    """Join the contours of pieces, each one's shell before its holes."""
-    first = np.concatenate([[0], np.cumsum([len(loop) for loop in loops])])
-    rings = Rings(np.concatenate(loops), first)
-    if pieces[-1] + 1 == len(loops):
-        return rings
-    order = np.lexsort([-rings.areas, pieces])
-    vertices, _ = rings.around(order)
-    first = np.concatenate([[0], np.cumsum(rings.counts[order])])
-    return Rings(rings.points[vertices], first)
-
-
-def region_of_section(section: CrossSection, unit: float) -> MultiPolygon:
-    """Return a cross-section as a region in metres."""
-    parts = [] if section.is_empty() else section.scale((unit, unit)).decompose()
-    return MultiPolygon([_polygon(part.to_polygons()) for part in parts])
-
-
-def _polygon(rings: Sequence[NDArray[np.float64]]) -> Polygon:
-    """Make a polygon of one piece's rings, the largest of which is the shell."""
-    shell, *holes = sorted(rings, key=lambda ring: float(np.prod(np.ptp(ring, axis=0))))[::-1]
-    return Polygon(shell, holes)
+    pieces, ends = sections.cleaned(CLEANING).apart()
+    spans = zip(offsets, ends[:-1].tolist(), ends[1:].tolist(), strict=True)
+    areas = pieces.areas
+    return [
+        Layer(float(offset), pieces.part(low, high), areas[low:high])
+        for offset, low, high in spans
+    ]
 
 
 @dataclass(eq=False)
@@ -253,7 +174,10 @@ class Slab:
     def _common_area(self) -> float:
         """Area of the knots' pieces that is on both sides."""
         low, high = self._knot_pieces()
-        return (self.below.region(low) ^ self.above.region(high)).area() if low and high else 0.0
+        if not low or not high:
+            return 0.0
+        above = Footprints.as_they_are(self.above.only(high).region)
+        return float(self.below.only(low).region.clipped(above).areas[0])
 
     def _knot_pieces(self) -> tuple[list[int], list[int]]:
         low, high = ([piece for group in self.knots for piece in group[side]] for side in (0, 1))
@@ -283,23 +207,23 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     if count == 0:
         return slabs
     side_of, place = number_within(counts)
-    lower, upper = _overlaps(sides, counts)
+    pieces = Regions.joined([layer.pieces for layer in sides])
+    areas = np.concatenate([layer.areas for layer in sides])
+    lower, upper = _overlaps(pieces, counts)
     graph = coo_array((np.ones(len(lower)), (lower, upper)), shape=(count, count))
     _, labels = connected_components(graph, directed=False)
-    areas = np.concatenate([layer.areas for layer in sides])
     is_pair = (np.bincount(labels) == 2)[labels[lower]]
     is_pair &= _are_similar(areas[lower], areas[upper])
-    boxes = np.concatenate([layer.bounds for layer in sides])
-    widths = boxes[:, 2:] - boxes[:, :2]
+    widths = pieces.boxes[:, 2:] - pieces.boxes[:, :2]
     least, most = (take(widths[lower], widths[upper]) for take in (np.minimum, np.maximum))
     is_pair &= (least > LEAST_WIDTH * most).all(axis=1)
     is_left = np.ones(count, dtype=bool)
     sides_of, places = side_of.tolist(), place.tolist()
     for low, high in zip(lower[is_pair].tolist(), upper[is_pair].tolist(), strict=True):
-        slab, pieces = slabs[sides_of[low] // 2], (places[low], places[high])
-        contours = _contour_pairs(slab, *pieces)
+        slab, pair = slabs[sides_of[low] // 2], (places[low], places[high])
+        contours = _contour_pairs(slab, *pair)
         if contours:
-            slab.pairs[pieces] = contours
+            slab.pairs[pair] = contours
             is_left[low] = is_left[high] = False
     groups: dict[int, tuple[list[int], list[int]]] = {}
     for piece in np.flatnonzero(is_left).tolist():
@@ -314,9 +238,16 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
 
 
 def _overlaps(
-    sides: Sequence[Layer], counts: NDArray[np.int64]
+    pieces: Regions, counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return which pieces have an area in common, over all layers below and above slabs in turn.
+    """Return which pieces have an area in common, of layers below and above slabs in turn.
+
+    Parameters
+    ----------
+    pieces : Regions
+        Those of all layers.
+    counts : array of int
+        How many each layer has.
 
     Returns
     -------
@@ -329,29 +260,27 @@ def _overlaps(
     slab, number = number_within(np.where(tries > FEW_PAIRS, 0, tries))
     below, above = np.divmod(number, counts[1::2][slab])
     found = [(first[0::2][slab] + below, first[1::2][slab] + above)]
-    for index in many.tolist():
-        tree = shapely.STRtree(sides[2 * index + 1].polygons)
-        below, above = tree.query(sides[2 * index].polygons)
-        found.append((first[2 * index] + below, first[2 * index + 1] + above))
+    for index in (2 * many).tolist():
+        low, high = (np.arange(counts[side]) + first[side] for side in (index, index + 1))
+        tree = shapely.STRtree(shapely.box(*pieces.boxes[high].T))
+        below, above = tree.query(shapely.box(*pieces.boxes[low].T))
+        found.append((low[below], high[above]))
     lower, upper = np.concatenate(found, axis=1)
-    bounds = np.concatenate([layer.bounds for layer in sides])
-    low, high = bounds[lower], bounds[upper]
+    low, high = pieces.boxes[lower], pieces.boxes[upper]
     meet = ((low[:, :2] < high[:, 2:]) & (high[:, :2] < low[:, 2:])).all(axis=1)
-    polygons = np.concatenate([layer.polygons for layer in sides])
-    return _meeting(polygons, lower[meet], upper[meet])
+    return _meeting(pieces, lower[meet], upper[meet])
 
 
 def _meeting(
-    polygons: NDArray[np.object_], lower: NDArray[np.int64], upper: NDArray[np.int64]
+    pieces: Regions, lower: NDArray[np.int64], upper: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs, of those given, whose polygons have an area in common."""
-    below, above = polygons[lower], polygons[upper]
-    middles = shapely.get_coordinates(shapely.centroid(below)).T
-    meet = shapely.contains_xy(below, *middles) & shapely.contains_xy(above, *middles)
+    """Return the pairs of pieces, of those given, that have an area in common."""
+    below, above = pieces.take(lower), pieces.take(upper)
+    middles = below.rings.centroids[below.first[:-1]]
+    meet = below.hold(middles) & above.hold(middles)
     others = np.flatnonzero(~meet)  # whose centroid does not tell
-    meet[others] = shapely.intersects(below[others], above[others])
-    others = others[meet[others]]
-    meet[others] = ~shapely.touches(below[others], above[others])
+    common = below.take(others).clipped(Footprints.as_they_are(above.take(others)))
+    meet[others] = common.areas > 0
     return lower[meet], upper[meet]
 
 
@@ -369,12 +298,11 @@ def _contour_pairs(slab: Slab, low: int, high: int) -> list[tuple[int, int]]:
     count = len(holes[0])
     if count == 0:
         return [shells]
-    polygons = shapely.polygons(
-        [shapely.linearrings(slab.below.ring(hole)) for hole in holes[0]]
-        + [shapely.linearrings(slab.above.ring(hole)) for hole in holes[1]]
-    )
+    loops = [slab.below.rings.loop(hole) for hole in holes[0]]
+    loops += [slab.above.rings.loop(hole) for hole in holes[1]]
+    inside = Regions.of_rings([[loop[::-1]] for loop in loops])
     lower, upper = np.indices((count, count)).reshape(2, -1)
-    lower, upper = _meeting(polygons, lower, upper + count)
+    lower, upper = _meeting(inside, lower, upper + count)
     if len(lower) != count or len(set(lower.tolist())) + len(set(upper.tolist())) != 2 * count:
         return []
     matched = zip(lower.tolist(), (upper - count).tolist(), strict=True)
@@ -391,8 +319,8 @@ def _bridge(slab: Slab) -> None:
     if not ends or not begins:
         return
     distances = cdist(
-        shapely.get_coordinates(shapely.centroid(slab.below.polygons[ends])),
-        shapely.get_coordinates(shapely.centroid(slab.above.polygons[begins])),
+        slab.below.rings.centroids[slab.below.pieces.first[ends]],
+        slab.above.rings.centroids[slab.above.pieces.first[begins]],
     )
     similar = _are_similar(slab.below.areas[ends][:, None], slab.above.areas[begins])
     for row, column in enumerate(distances.argmin(axis=1)):

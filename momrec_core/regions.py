@@ -8,15 +8,18 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+import shapely
 from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
 
-from momrec_core._clipping import intersect
-from momrec_core.rings import Rings, number_within
+from momrec_core._clipping import intersect, simplify
+from momrec_core.rings import Rings, ends_of, number_within
 
 __all__ = ["Footprints", "Regions"]
 
 CLEARANCE = 1e-6  # units: boundaries that come nearer to each other's vertices are degenerate
+MOSTLY = 0.5  # of a hole's vertices: inside the shell around it, wherever the others touch it
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +47,14 @@ class Regions:
         return cls(Rings(points, np.cumsum([0, *(len(ring) for ring in flat)])), first)
 
     @classmethod
+    def of_outline(cls, points: NDArray[np.float64], first: NDArray[np.int64]) -> Regions:
+        """Return one region, whose shells and holes are wound oppositely, whichever is which."""
+        region = cls(Rings(points, first), np.array([0, len(first) - 1]))
+        if region.rings.areas.sum() > 0:
+            return region
+        return cls(Rings(points[::-1], len(points) - first[::-1]), region.first)
+
+    @classmethod
     def of_sections(cls, sections: Iterable[CrossSection]) -> Regions:
         """Take over the contours of cross-sections of Clipper2."""
         return cls.of_rings([section.to_polygons() for section in sections])
@@ -54,7 +65,7 @@ class Regions:
         points = np.concatenate([part.rings.points for part in parts])
         counts = np.concatenate([part.rings.counts for part in parts])
         numbers = np.concatenate([np.diff(part.first) for part in parts])
-        return cls(Rings(points, _ends(counts)), _ends(numbers))
+        return cls(Rings(points, ends_of(counts)), ends_of(numbers))
 
     def __len__(self) -> int:
         return len(self.first) - 1
@@ -72,14 +83,87 @@ class Regions:
         least, most = (take.reduceat(points, starts) for take in (np.minimum, np.maximum))
         return np.hstack([least, most])
 
+    @cached_property
+    def areas(self) -> NDArray[np.float64]:
+        """Area of each region."""
+        return np.bincount(self.owners, weights=self.rings.areas, minlength=len(self))
+
+    @cached_property
+    def owners(self) -> NDArray[np.int64]:
+        """The region of each contour."""
+        return np.repeat(np.arange(len(self)), np.diff(self.first))
+
+    def hold(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell whether each region holds a point, its own one of shape (regions, 2)."""
+        owners = np.repeat(self.owners, self.rings.counts)
+        starts = self.rings.points - points[owners]
+        ends = starts[self.rings.following]
+        passes = np.flatnonzero((starts[:, 1] <= 0) != (ends[:, 1] <= 0))
+        (x, y), (x2, y2) = starts[passes].T, ends[passes].T
+        right = (x * y2 - x2 * y > 0) == (y2 > y)
+        return np.bincount(owners[passes][right], minlength=len(self)) % 2 == 1
+
+    def cleaned(self, tolerance: float) -> Regions:
+        """Leave out vertices that stand out by no more than a tolerance, and what is thinner."""
+        points, rings, first = simplify(*self.arrays, tolerance)
+        return Regions(_rings(points, rings), np.frombuffer(first, dtype=np.int64))
+
+    def part(self, low: int, high: int) -> Regions:
+        """Return the regions from one to another."""
+        rings = self.rings.first[self.first[low] : self.first[high] + 1]
+        points = self.rings.points[rings[0] : rings[-1]]
+        return Regions(Rings(points, rings - rings[0]), self.first[low : high + 1] - self.first[low])
+
+    def apart(self) -> tuple[Regions, NDArray[np.int64]]:
+        """Take regions apart into pieces that are connected.
+
+        Returns
+        -------
+        pieces : Regions
+            Region by region; of each the shell, then the holes.
+        ends : array of int, shape (regions + 1,)
+            The first piece of each region, and the number of pieces.
+        """
+        is_shell = self.rings.areas > 0
+        shells, holes = np.flatnonzero(is_shell), np.flatnonzero(~is_shell)
+        ends = np.searchsorted(shells, self.first)
+        if len(holes) == 0:
+            return Regions(self.rings, np.arange(len(shells) + 1)), ends
+        pieces = np.cumsum(is_shell) - 1
+        for hole, low, high in zip(
+            holes, ends[self.owners[holes]], ends[self.owners[holes] + 1], strict=True
+        ):
+            pieces[hole] = low + self._around(hole, shells[low:high]) if high - low > 1 else low
+        order = np.lexsort([~is_shell, pieces])
+        vertices, _ = self.rings.around(order)
+        rings = Rings(self.rings.points[vertices], ends_of(self.rings.counts[order]))
+        return Regions(rings, ends_of(np.bincount(pieces, minlength=len(shells)))), ends
+
+    def _around(self, hole: int, shells: NDArray[np.int64]) -> int:
+        """Return which of several shells is the smallest one around a hole."""
+        points = self.rings.loop(hole).T
+        polygons = [Polygon(self.rings.loop(shell)) for shell in shells]
+        is_outside = [shapely.contains_xy(polygon, *points).mean() < MOSTLY for polygon in polygons]
+        return int(np.lexsort([self.rings.areas[shells], is_outside])[0])
+
+    def polygons(self, unit: float) -> list[MultiPolygon]:
+        """Return the regions in other units, ``unit`` of which are one of these."""
+        pieces, ends = self.apart()
+        _, vertex_rings = pieces.rings.around(np.arange(len(pieces.rings.counts)))
+        loops = shapely.linearrings(unit * pieces.rings.points, indices=vertex_rings)
+        polygons = shapely.polygons(loops, indices=pieces.owners)
+        return [MultiPolygon(list(polygons[low:high])) for low, high in pairwise(ends.tolist())]
+
     def take(self, chosen: NDArray[np.int64]) -> Regions:
         """Return some of the regions, in any order."""
+        if len(chosen) == len(self) and (chosen == np.arange(len(self))).all():
+            return self
         counts = np.diff(self.first)[chosen]
         owners, positions = number_within(counts)
         contours = self.first[chosen][owners] + positions
         vertices, _ = self.rings.around(contours)
-        rings = Rings(self.rings.points[vertices], _ends(self.rings.counts[contours]))
-        return Regions(rings, _ends(counts))
+        rings = Rings(self.rings.points[vertices], ends_of(self.rings.counts[contours]))
+        return Regions(rings, ends_of(counts))
 
     def loops(self, region: int) -> list[NDArray[np.float64]]:
         """Return the contours of a region, each shape (n_i, 2)."""
@@ -92,6 +176,8 @@ class Regions:
 
     def replaced(self, places: NDArray[np.int64], others: Regions) -> Regions:
         """Return these regions with others in the places of some."""
+        if len(places) == len(self):
+            return others.take(np.argsort(places))
         order = np.arange(len(self))
         order[places] = len(self) + np.arange(len(places))
         return Regions.joined([self, others]).take(order)
@@ -119,26 +205,28 @@ class Regions:
         """
         outlines, is_doubtful = footprints.outlines, np.zeros(len(self), dtype=bool)
         points, rings, first = intersect(
-            *self._arrays(),
-            *outlines._arrays(),  # noqa: SLF001
+            *self.arrays,
+            *outlines.arrays,
             footprints.chosen,
             footprints.scales,
             footprints.shifts,
             is_doubtful,
             CLEARANCE,
         )
-        clear = Regions(
-            Rings(np.frombuffer(points).reshape(-1, 2), np.frombuffer(rings, dtype=np.int64)),
-            np.frombuffer(first, dtype=np.int64),
-        )
+        clear = Regions(_rings(points, rings), np.frombuffer(first, dtype=np.int64))
         doubtful = np.flatnonzero(is_doubtful)
         if len(doubtful) == 0:
             return clear
         sections = [self.section(plane) ^ footprints.section(plane) for plane in doubtful.tolist()]
         return clear.replaced(doubtful, Regions.of_sections(sections))
 
-    def _arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-        return self.rings.points, self.rings.first, self.first
+    @property
+    def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+        """Points, and where contours and regions begin, contiguous."""
+        points, contours, first = map(
+            np.ascontiguousarray, (self.rings.points, self.rings.first, self.first)
+        )
+        return points, contours, first
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,11 +250,17 @@ class Footprints:
     scales: NDArray[np.float64]
     shifts: NDArray[np.float64]
 
+    @classmethod
+    def as_they_are(cls, outlines: Regions) -> Footprints:
+        """Return one outline for each plane."""
+        count = len(outlines)
+        return cls(outlines, np.arange(count), np.ones(count), np.zeros((count, 2)))
+
     def section(self, plane: int) -> CrossSection:
         """Return the footprint in a plane as a cross-section of Clipper2."""
         outline = self.outlines.section(int(self.chosen[plane]))
         return outline.scale(2 * (self.scales[plane],)).translate(self.shifts[plane])
 
 
-def _ends(counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)])
+def _rings(points: bytes, first: bytes) -> Rings:
+    return Rings(np.frombuffer(points).reshape(-1, 2), np.frombuffer(first, dtype=np.int64))

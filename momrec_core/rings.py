@@ -8,7 +8,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Rings", "number_within"]
+__all__ = ["Rings", "ends_of", "number_within"]
+
+
+def ends_of(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return where groups that stand one behind the other begin, and where the last ends."""
+    ends = np.zeros(len(counts) + 1, dtype=np.int64)
+    np.cumsum(counts, out=ends[1:])
+    return ends
 
 
 def number_within(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -85,6 +92,10 @@ class Rings:
         starts = self.points[:, :2] - np.repeat(middles, self.counts, axis=0)
         ends = starts[self.following]
         return middles, starts[:, 0] * ends[:, 1] - starts[:, 1] * ends[:, 0], starts + ends
+
+    def loop(self, ring: int) -> NDArray[np.float64]:
+        """Return the vertices of one contour."""
+        return self.points[self.first[ring] : self.first[ring + 1]]
 
     def total(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Add up, for each contour, one value per vertex."""

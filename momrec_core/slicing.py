@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from momrec_core.camera import Camera
 from momrec_core.lines import nearest_point_equations
-from momrec_core.rings import Rings, number_within
+from momrec_core.regions import CLEARANCE, Footprints, Regions
+from momrec_core.rings import Rings, ends_of, number_within
 from momrec_core.scanning import scan_spans
 from momrec_core.view import View
 
@@ -349,7 +350,7 @@ class Intersection:
         joined.volumes = [viewing_volume(view, self.family), *self.volumes]
         return joined
 
-    def cut(self, offsets: NDArray[np.float64]) -> list[CrossSection]:
+    def cut(self, offsets: NDArray[np.float64]) -> Regions:
         """Return the cross-sections at offsets in units, as many."""
         return self.levels(offsets)[-1]
 
@@ -365,13 +366,13 @@ class Intersection:
 
 
 def _whole_region(count: int, offsets: NDArray[np.float64]) -> Levels:
-    whole = CrossSection.square((2 * RADIUS, 2 * RADIUS), center=True)
-    return [[whole] * len(offsets) for _ in range(count)]
+    corners = RADIUS * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    whole = _quadrangles(np.tile(corners, (len(offsets), 1, 1)), np.ones(len(offsets), np.int64))
+    return [whole] * count
 
 
-Levels = list[list[CrossSection]]
-Footprint = Callable[[int], CrossSection]
-ViewingVolume = Callable[[NDArray[np.float64]], Footprint]
+Levels = list[Regions]
+ViewingVolume = Callable[[NDArray[np.float64]], Footprints]
 
 
 def _intersected_pair(
@@ -394,27 +395,25 @@ def _intersected_pair(
 
     rasters = [_Raster.of(view, family) for view in (first, second)]
     from_spans = np.linalg.inv(np.array([raster.across for raster in rasters]))
+    if np.linalg.det(from_spans) < 0:
+        rasters, from_spans = rasters[::-1], from_spans[:, ::-1]
 
     def cut_prisms(offsets: NDArray[np.float64]) -> Levels:
-        (spans1, counts1), (spans2, counts2) = (
-            scan_spans(raster.starts, raster.ends, offsets) for raster in rasters
-        )
+        (spans1, counts1), (spans2, counts2) = (raster.spans(offsets) for raster in rasters)
         planes, numbers = number_within(counts1 * counts2)
         one, other = np.divmod(numbers, counts2[planes])
         low1, high1 = spans1[(np.cumsum(counts1) - counts1)[planes] + one].T
         low2, high2 = spans2[(np.cumsum(counts2) - counts2)[planes] + other].T
         corners = np.stack([low1, low2, high1, low2, high1, high2, low1, high2], axis=-1)
-        return [_sections(corners.reshape(-1, 4, 2) @ from_spans.T, counts1 * counts2, EVEN_ODD)]
+        return [_quadrangles(corners.reshape(-1, 4, 2) @ from_spans.T, counts1 * counts2)]
 
     return cut_prisms
 
 
-def _sections(
-    quadrangles: NDArray[np.float64], counts: NDArray[np.int64], rule: manifold3d.FillRule
-) -> list[CrossSection]:
-    """Return cross-sections, each of some of the quadrangles, shape (sum of counts, 4, 2)."""
-    ends = np.cumsum(counts).tolist()
-    return [CrossSection(list(quadrangles[begin:end]), rule) for begin, end in pairwise([0, *ends])]
+def _quadrangles(corners: NDArray[np.float64], counts: NDArray[np.int64]) -> Regions:
+    """Return regions, each of some of the quadrangles, shape (sum of counts, 4, 2)."""
+    rings = Rings(corners.reshape(-1, 2), 4 * np.arange(len(corners) + 1))
+    return Regions(rings, ends_of(counts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -440,11 +439,23 @@ class _Raster:
         heading = axes[2] / np.linalg.norm(axes[2])
         across = axes[:2] @ (-heading[1], heading[0])
         corners = family.to_planes(
-            camera.position + np.concatenate(view.rings) @ camera.rotation[:, :2].T
+            camera.position + view.outline.points @ camera.rotation[:, :2].T
         )
         starts = np.column_stack([corners[:, :2] @ across, corners[:, 2]])
-        rings = Rings(starts, np.cumsum([0, *(len(ring) for ring in view.rings)]))
-        return cls(across, starts, starts[rings.following])
+        return cls(across, starts, starts[view.outline.following])
+
+    def spans(
+        self, offsets: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the segments of scan lines, as `scan_spans`, those that touch as one."""
+        spans, counts = scan_spans(self.starts, self.ends, offsets)
+        lines, _ = number_within(counts)
+        begins, ends = np.ones((2, len(spans)), dtype=bool)
+        begins[1:] = (spans[1:, 0] - spans[:-1, 1] > CLEARANCE) | (lines[1:] != lines[:-1])
+        ends[:-1] = begins[1:]
+        spans, lines = np.column_stack([spans[begins, 0], spans[ends, 1]]), lines[begins]
+        wide = spans[:, 1] - spans[:, 0] > CLEARANCE
+        return spans[wide], np.bincount(lines[wide], minlength=len(offsets))
 
 
 def clip_levels(levels: Levels, volume: ViewingVolume, offsets: NDArray[np.float64]) -> Levels:
@@ -457,7 +468,7 @@ def clip_levels(levels: Levels, volume: ViewingVolume, offsets: NDArray[np.float
 
     Parameters
     ----------
-    levels : list of lists of n CrossSection
+    levels : list of Regions
         What the views before have left, for every number of them that may be spared, from 0.
     volume : function
         The viewing volume to clip with, see `viewing_volume`.
@@ -466,22 +477,21 @@ def clip_levels(levels: Levels, volume: ViewingVolume, offsets: NDArray[np.float
 
     Returns
     -------
-    levels : list of lists of n CrossSection
+    levels : list of Regions
     """
-    footprint = volume(offsets)
-    met = [index for index, section in enumerate(levels[-1]) if not section.is_empty()]
-    cuts = [(index, footprint(index)) for index in met]
-    clipped = [sections.copy() for sections in levels]
-    for number, sections in enumerate(clipped):
-        for index, cut in cuts:
-            sections[index] ^= cut
-            if number:
-                sections[index] += levels[number - 1][index]
-    return clipped
+    met = np.flatnonzero(levels[-1].is_met)
+    footprints = volume(offsets[met])
+    before = [sections.take(met) for sections in levels]
+    clipped = [sections.clipped(footprints) for sections in before]
+    for number in range(1, len(levels)):
+        clipped[number] = clipped[number].united(before[number - 1])
+    return [
+        sections.replaced(met, cut) for sections, cut in zip(levels, clipped, strict=True)
+    ]
 
 
 def viewing_volume(view: View, family: PlaneFamily) -> ViewingVolume:
-    """Return a function from offsets to a function from a plane's index to its cut."""
+    """Return a function from offsets to what the viewing volume covers of the planes there."""
     if view.camera.is_pinhole:
         return _cone(view, family)
     if abs(view.camera.rotation[:, 2] @ family.frame[:3, 2]) < STRIP_COSINE:
@@ -493,11 +503,11 @@ def _strips(view: View, family: PlaneFamily) -> ViewingVolume:
     raster = _Raster.of(view, family)
     along = 2 * RADIUS * np.array([-raster.across[1], raster.across[0]])  # beyond the region
 
-    def volume(offsets: NDArray[np.float64]) -> Footprint:
-        spans, counts = scan_spans(raster.starts, raster.ends, offsets)
+    def volume(offsets: NDArray[np.float64]) -> Footprints:
+        spans, counts = raster.spans(offsets)
         low, high = spans.T[:, :, None] * raster.across
         corners = np.stack([low - along, high - along, high + along, low + along], axis=1)
-        return _sections(corners, counts, manifold3d.FillRule.NonZero).__getitem__
+        return Footprints.as_they_are(_quadrangles(corners, counts))
 
     return volume
 
@@ -508,51 +518,46 @@ def _prism(view: View, family: PlaneFamily) -> ViewingVolume:
     origin = (family.frame[:3, 3] - camera.position) @ camera.rotation[:, :2] / family.unit
     planes_from_image = np.linalg.inv(image_from_planes[:, :2])
     shift = -planes_from_image @ image_from_planes[:, 2]
-    silhouette = CrossSection([ring / family.unit - origin for ring in view.rings], EVEN_ODD)
-    turned = silhouette.transform(np.column_stack([planes_from_image, np.zeros(2)]))
+    points = (view.outline.points / family.unit - origin) @ planes_from_image.T
+    outline = Regions.of_outline(points, view.outline.first)
 
-    def volume(offsets: NDArray[np.float64]) -> Footprint:
-        shifts = offsets[:, None] * shift
-        return lambda index: turned.translate(shifts[index])
+    def volume(offsets: NDArray[np.float64]) -> Footprints:
+        count = len(offsets)
+        chosen, scales = np.zeros(count, dtype=np.int64), np.ones(count)
+        return Footprints(outline, chosen, scales, offsets[:, None] * shift)
 
     return volume
 
 
 def _cone(view: View, family: PlaneFamily) -> ViewingVolume:
     """Cut a pinhole's cone; planes that meet all its rays see one another's cuts scaled."""
-    camera = view.camera
-    rays, position = _rays(camera, np.concatenate(view.rings), family)
-    _, far = _depth_range(camera, family)
-    counts = np.array([len(ring) for ring in view.rings])
+    rays, position = _rays(view.camera, view.outline.points, family)
+    _, far = _depth_range(view.camera, family)
     foot = position[:2]
     lowest, highest = rays[:, 2].min(), rays[:, 2].max()
     deepest = far * (lowest if lowest > 0 else min(highest, 0.0))  # plane that meets all rays
-    whole = CrossSection()
+    whole = Regions.of_rings([[]])
     if deepest:
         outline = deepest * rays[:, :2] / rays[:, 2:]
-        whole = CrossSection(np.split(outline, np.cumsum(counts)[:-1]), EVEN_ODD)
+        whole = Regions.of_outline(outline, view.outline.first)
 
-    def volume(offsets: NDArray[np.float64]) -> Footprint:
+    def volume(offsets: NDArray[np.float64]) -> Footprints:
         heights = offsets - position[2]
         heights = np.where(np.abs(heights) < CENTRE_DISTANCE, CENTRE_DISTANCE, heights)
         is_whole = (heights * deepest > 0) & (np.abs(heights) <= abs(deepest))
-        rest = np.cumsum(~is_whole) - 1
-        parts = _partial_cuts(rays, counts, heights[~is_whole], far)
-
-        def footprint(index: int) -> CrossSection:
-            if not is_whole[index]:
-                return parts(int(rest[index])).translate(foot)
-            scale = heights[index] / deepest
-            return whole.scale((scale, scale)).translate(foot)
-
-        return footprint
+        parts = _partial_cuts(rays, view.outline.counts, heights[~is_whole], far)
+        scales = np.ones(len(heights))
+        scales[is_whole] = heights[is_whole] / (deepest or 1.0)
+        chosen = np.where(is_whole, 0, np.cumsum(~is_whole))
+        shifts = np.tile(foot, (len(heights), 1))
+        return Footprints(Regions.joined([whole, parts]), chosen, scales, shifts)
 
     return volume
 
 
 def _partial_cuts(
     rays: NDArray[np.float64], counts: NDArray[np.int64], heights: NDArray[np.float64], far: float
-) -> Footprint:
+) -> Regions:
     """Cut cones that the planes, at heights above their apex, do not meet in whole."""
     margins = np.sign(heights)[:, None] * rays[:, 2] - (np.abs(heights) / far)[:, None]
     planes, rings, cut = _cut_rings(rays, counts, margins)
@@ -561,12 +566,12 @@ def _partial_cuts(
         planes * len(counts) + rings, np.arange(len(heights) * len(counts) + 1)
     )
 
-    def footprint(index: int) -> CrossSection:
+    sections = []
+    for index in range(len(heights)):
         ends = bounds[index * len(counts) : (index + 1) * len(counts) + 1]
         pieces = [points[low:high] for low, high in pairwise(ends) if high - low > 2]
-        return CrossSection(pieces, EVEN_ODD)
-
-    return footprint
+        sections.append(CrossSection(pieces, EVEN_ODD))
+    return Regions.of_sections(sections)
 
 
 def _cut_rings(

@@ -13,6 +13,7 @@ from shapely import MultiPolygon, Polygon
 
 from momrec_core.camera import Camera
 from momrec_core.errors import InvalidCameraError, InvalidContourError
+from momrec_core.rings import Rings, ends_of
 
 __all__ = ["View", "polygon_rings", "region_from_rings"]
 
@@ -186,6 +187,12 @@ class View:
     def rings(self) -> list[NDArray[np.float64]]:
         """The silhouette's rings without the repeated last vertex, each shape (n_i, 2)."""
         return polygon_rings(self.silhouette)
+
+    @cached_property
+    def outline(self) -> Rings:
+        """The silhouette's rings, shells counter-clockwise and holes clockwise."""
+        rings = polygon_rings(shapely.orient_polygons(self.silhouette))
+        return Rings(np.concatenate(rings), ends_of(np.array([len(ring) for ring in rings])))
 
     @cached_property
     def visible(self) -> MultiPolygon:
