@@ -145,27 +145,43 @@ static int lay_out(Side *side, List *memory, const Regions *from, int64_t region
     return 1;
 }
 
-/* Tell whether a point lies inside a region. */
+/* Return twice the area of a triangle: positive where the point is on the left of the edge. */
+static double cross(const double *start, const double *end, const double *point)
+{
+    return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0]);
+}
+
+/* Tell whether a ray to the right from a point crosses an edge. */
+static int is_passed(const double *start, const double *end, const double *point)
+{
+    if ((start[1] <= point[1]) == (end[1] <= point[1]))
+        return 0;
+    return (cross(start, end, point) > 0) == (end[1] > start[1]);
+}
+
+/* Tell whether a point lies inside a side. */
 static int is_inside(const Side *side, const double *point)
 {
     int inside = 0;
-    for (int64_t edge = 0; edge < side->count; edge++) {
-        const double *start = side->points + 2 * edge, *end = side->points + 2 * side->next[edge];
-        if ((start[1] <= point[1]) == (end[1] <= point[1]))
-            continue;
-        const double beside = (end[0] - start[0]) * (point[1] - start[1])
-                              - (end[1] - start[1]) * (point[0] - start[0]);
-        inside ^= (beside > 0) == (end[1] > start[1]);
+    for (int64_t edge = 0; edge < side->count; edge++)
+        inside ^= is_passed(side->points + 2 * edge, side->points + 2 * side->next[edge], point);
+    return inside;
+}
+
+/* Tell whether a point lies inside a region. */
+static int region_holds(const Regions *regions, int64_t region, const double *point)
+{
+    int inside = 0;
+    for (int64_t ring = regions->regions[region]; ring < regions->regions[region + 1]; ring++) {
+        const double *start = regions->points + 2 * (regions->rings[ring + 1] - 1);
+        const double *end = regions->points + 2 * regions->rings[ring];
+        for (; end < regions->points + 2 * regions->rings[ring + 1]; start = end, end += 2)
+            inside ^= is_passed(start, end, point);
     }
     return inside;
 }
 
 /* --- crossings ---------------------------------------------------------------------------- */
-
-static double cross(const double *start, const double *end, const double *point)
-{
-    return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0]);
-}
 
 /* Tell whether a point beside a segment, by the cross product, comes near it. */
 static int is_near(const double *start, const double *end, const double *point, double beside,
@@ -455,38 +471,57 @@ static Outcome intersect_sides(Room *room, Side *const sides[2], double toleranc
 
 typedef struct {
     Regions regions, outlines;
-    const int64_t *chosen; /* (planes,): the outline of each plane */
-    const double *scales;  /* (planes,) */
-    const double *shifts;  /* (planes, 2) */
-    uint8_t *is_doubtful;  /* (planes,), out */
+    Py_ssize_t steps;      /* outlines that each plane is clipped with, one after the other */
+    const int64_t *chosen; /* (steps, planes): which */
+    const double *scales;  /* (steps, planes) */
+    const double *shifts;  /* (steps, planes, 2) */
+    int64_t *done;         /* (planes,), in and out: the steps that a plane has behind it */
     double tolerance;
 } Work;
 
-/* Intersect all; return whether the memory sufficed. */
-static int intersect_all(const Work *work, Room *room)
+/* Clip the region of one plane, step by step; stop before a step that is doubtful. */
+static int clip_plane(const Work *work, Room *room, Py_ssize_t plane)
 {
     static const double NOWHERE[2] = {0.0, 0.0};
+    const size_t points = room->points.count, rings = room->rings.count - 1;
+    Side first, second;
+    Side *const sides[2] = {&first, &second};
+    if (!lay_out(&first, room->laid[0], &work->regions, plane, 1.0, NOWHERE))
+        return 0;
+    Outcome outcome = DONE;
+    for (int64_t *done = &work->done[plane]; *done < work->steps && first.rings; ++*done) {
+        const Py_ssize_t at = *done * work->regions.count + plane;
+        if (!lay_out(&second, room->laid[1], &work->outlines, work->chosen[at], work->scales[at],
+                     work->shifts + 2 * at))
+            return 0;
+        outcome = intersect_sides(room, sides, work->tolerance);
+        if (outcome != DONE)
+            break;
+        const int64_t all[2] = {0, (int64_t)(room->rings.count - 1 - rings)};
+        const Regions result = {room->points.items, (int64_t *)room->rings.items + rings, all, 1};
+        if (!lay_out(&first, room->laid[0], &result, 0, 1.0, NOWHERE))
+            return 0;
+        room->points.count = points;
+        room->rings.count = rings + 1;
+    }
+    room->points.count = points;
+    room->rings.count = rings + 1;
+    for (int64_t ring = 0; ring < first.rings; ring++)
+        if (!add_ring(room, &first, ring))
+            return 0;
+    if (!first.rings)
+        work->done[plane] = work->steps;
+    return outcome != NO_MEMORY && add_end(&room->regions, room->rings.count - 1);
+}
+
+/* Clip all; return whether the memory sufficed. */
+static int clip_all(const Work *work, Room *room)
+{
     if (!add_end(&room->rings, 0) || !add_end(&room->regions, 0))
         return 0;
-    for (Py_ssize_t plane = 0; plane < work->regions.count; plane++) {
-        Side first, second;
-        Side *const sides[2] = {&first, &second};
-        const size_t points = room->points.count, rings = room->rings.count;
-        if (!lay_out(&first, room->laid[0], &work->regions, plane, 1.0, NOWHERE)
-            || !lay_out(&second, room->laid[1], &work->outlines, work->chosen[plane],
-                        work->scales[plane], work->shifts + 2 * plane))
+    for (Py_ssize_t plane = 0; plane < work->regions.count; plane++)
+        if (!clip_plane(work, room, plane))
             return 0;
-        const Outcome outcome = intersect_sides(room, sides, work->tolerance);
-        if (outcome == NO_MEMORY)
-            return 0;
-        work->is_doubtful[plane] = outcome == DOUBTFUL;
-        if (outcome == DOUBTFUL) {
-            room->points.count = points;
-            room->rings.count = rings;
-        }
-        if (!add_end(&room->regions, room->rings.count - 1))
-            return 0;
-    }
     return 1;
 }
 
@@ -557,14 +592,21 @@ static void free_room(Room *room)
 
 enum {
     POINTS, RINGS, REGIONS, OUTLINE_POINTS, OUTLINE_RINGS, OUTLINE_REGIONS,
-    CHOSEN, SCALES, SHIFTS, IS_DOUBTFUL, ARRAYS
+    CHOSEN, SCALES, SHIFTS, DONE_STEPS, ARRAYS
 };
 
 static const ArrayKind KINDS[ARRAYS] = {
     {"points", 'd', 2, 0},         {"rings", 'q', 0, 0},         {"regions", 'q', 0, 0},
     {"outline points", 'd', 2, 0}, {"outline rings", 'q', 0, 0}, {"outline regions", 'q', 0, 0},
     {"chosen", 'q', 0, 0},         {"scales", 'd', 0, 0},        {"shifts", 'd', 2, 0},
-    {"is_doubtful", '?', 0, 1},
+    {"done", 'q', 0, 1},
+};
+
+enum { HELD_CHOSEN = OUTLINE_POINTS, HELD_POINTS, IS_HELD, HELD_ARRAYS };
+
+static const ArrayKind HELD_KINDS[HELD_ARRAYS] = {
+    {"points", 'd', 2, 0}, {"rings", 'q', 0, 0}, {"regions", 'q', 0, 0},
+    {"chosen", 'q', 0, 0}, {"held points", 'd', 2, 0}, {"is_held", '?', 0, 1},
 };
 
 /* Tell whether numbers increase from 0 to a last one, each by so much at the least. */
@@ -602,17 +644,20 @@ static int are_regions(const Py_buffer *views, Regions *regions)
 static int is_consistent(const Py_buffer *views, Work *work)
 {
     int good = are_regions(views + POINTS, &work->regions)
-               && are_regions(views + OUTLINE_POINTS, &work->outlines);
-    const Py_ssize_t planes = work->regions.count;
-    for (int which = CHOSEN; which < ARRAYS; which++)
-        good = good && views[which].shape[0] == planes;
-    good = good && are_finite(&views[SCALES]) && are_finite(&views[SHIFTS]);
+               && are_regions(views + OUTLINE_POINTS, &work->outlines)
+               && are_finite(&views[SCALES]) && are_finite(&views[SHIFTS]);
+    const Py_ssize_t planes = work->regions.count, places = views[CHOSEN].shape[0];
+    work->steps = planes > 0 ? places / planes : 0;
+    good = good && places == work->steps * planes && views[SCALES].shape[0] == places
+           && views[SHIFTS].shape[0] == places && views[DONE_STEPS].shape[0] == planes;
     work->chosen = views[CHOSEN].buf;
-    for (Py_ssize_t plane = 0; good && plane < planes; plane++)
-        good = work->chosen[plane] >= 0 && work->chosen[plane] < work->outlines.count;
     work->scales = views[SCALES].buf;
     work->shifts = views[SHIFTS].buf;
-    work->is_doubtful = views[IS_DOUBTFUL].buf;
+    work->done = views[DONE_STEPS].buf;
+    for (Py_ssize_t place = 0; good && place < places; place++)
+        good = work->chosen[place] >= 0 && work->chosen[place] < work->outlines.count;
+    for (Py_ssize_t plane = 0; good && plane < planes; plane++)
+        good = work->done[plane] >= 0;
     return good;
 }
 
@@ -639,32 +684,56 @@ static int get_all(PyObject *const *arguments, Py_ssize_t given, int count, Py_b
     return !PyErr_Occurred() && get_arrays(arguments, given - 1, KINDS, count, views);
 }
 
-static void reject(void)
+static PyObject *reject(void)
 {
     PyErr_SetString(PyExc_ValueError,
                     "Expected finite rings of three vertices or more, and arrays that agree");
+    return NULL;
 }
 
-static PyObject *intersect(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+static PyObject *clip(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Py_buffer views[ARRAYS];
     Work work;
     if (!get_all(arguments, count, ARRAYS, views, &work.tolerance))
         return NULL;
-    PyObject *result = NULL;
+    PyObject *result;
     if (is_consistent(views, &work)) {
         Room room = {0};
         int fits;
         Py_BEGIN_ALLOW_THREADS
-        fits = intersect_all(&work, &room);
+        fits = clip_all(&work, &room);
         Py_END_ALLOW_THREADS
         result = result_of(&room, fits);
     } else {
-        reject();
+        result = reject();
     }
     release_arrays(views, ARRAYS);
     return result;
+}
+
+static PyObject *hold(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Py_buffer views[HELD_ARRAYS];
+    Regions regions;
+    if (!get_arrays(arguments, count, HELD_KINDS, HELD_ARRAYS, views))
+        return NULL;
+    int good = are_regions(views, &regions);
+    const int64_t *chosen = views[HELD_CHOSEN].buf;
+    const double *points = views[HELD_POINTS].buf;
+    uint8_t *is_held = views[IS_HELD].buf;
+    const Py_ssize_t places = views[HELD_CHOSEN].shape[0];
+    good = good && views[HELD_POINTS].shape[0] == places && views[IS_HELD].shape[0] == places;
+    for (Py_ssize_t place = 0; good && place < places; place++)
+        good = chosen[place] >= 0 && chosen[place] < regions.count;
+    for (Py_ssize_t place = 0; good && place < places; place++)
+        is_held[place] = (uint8_t)region_holds(&regions, chosen[place], points + 2 * place);
+    release_arrays(views, HELD_ARRAYS);
+    if (!good)
+        return reject();
+    Py_RETURN_NONE;
 }
 
 static PyObject *simplify(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -675,7 +744,7 @@ static PyObject *simplify(PyObject *module, PyObject *const *arguments, Py_ssize
     double tolerance;
     if (!get_all(arguments, count, OUTLINE_POINTS, views, &tolerance))
         return NULL;
-    PyObject *result = NULL;
+    PyObject *result;
     if (are_regions(views, &regions)) {
         Room room = {0};
         int fits;
@@ -684,15 +753,17 @@ static PyObject *simplify(PyObject *module, PyObject *const *arguments, Py_ssize
         Py_END_ALLOW_THREADS
         result = result_of(&room, fits);
     } else {
-        reject();
+        result = reject();
     }
     release_arrays(views, OUTLINE_POINTS);
     return result;
 }
 
 static PyMethodDef METHODS[] = {
-    {"intersect", (PyCFunction)(void (*)(void))intersect, METH_FASTCALL,
-     "Intersect the region of each plane with an outline, scaled and shifted."},
+    {"clip", (PyCFunction)(void (*)(void))clip, METH_FASTCALL,
+     "Clip the region of each plane with outlines, scaled and shifted, one after the other."},
+    {"hold", (PyCFunction)(void (*)(void))hold, METH_FASTCALL,
+     "Tell for points whether the region of each, chosen among some, holds it."},
     {"simplify", (PyCFunction)(void (*)(void))simplify, METH_FASTCALL,
      "Leave out vertices that lie within a tolerance of the edge which that makes."},
     {NULL, NULL, 0, NULL},

@@ -177,7 +177,7 @@ class Slab:
         if not low or not high:
             return 0.0
         above = Footprints.as_they_are(self.above.only(high).region)
-        return float(self.below.only(low).region.clipped(above).areas[0])
+        return float(self.below.only(low).region.clipped([above]).areas[0])
 
     def _knot_pieces(self) -> tuple[list[int], list[int]]:
         low, high = ([piece for group in self.knots for piece in group[side]] for side in (0, 1))
@@ -275,12 +275,11 @@ def _meeting(
     pieces: Regions, lower: NDArray[np.int64], upper: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs of pieces, of those given, that have an area in common."""
-    below, above = pieces.take(lower), pieces.take(upper)
-    middles = below.rings.centroids[below.first[:-1]]
-    meet = below.hold(middles) & above.hold(middles)
+    middles = pieces.rings.centroids[pieces.first[lower]]
+    meet = pieces.hold(lower, middles) & pieces.hold(upper, middles)
     others = np.flatnonzero(~meet)  # whose centroid does not tell
-    common = below.take(others).clipped(Footprints.as_they_are(above.take(others)))
-    meet[others] = common.areas > 0
+    above = Footprints.as_they_are(pieces.take(upper[others]))
+    meet[others] = pieces.take(lower[others]).clipped([above]).areas > 0
     return lower[meet], upper[meet]
 
 

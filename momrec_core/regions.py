@@ -13,7 +13,7 @@ from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from momrec_core._clipping import intersect, simplify
+from momrec_core._clipping import clip, hold, simplify
 from momrec_core.rings import Rings, ends_of, number_within
 
 __all__ = ["Footprints", "Regions"]
@@ -47,12 +47,16 @@ class Regions:
         return cls(Rings(points, np.cumsum([0, *(len(ring) for ring in flat)])), first)
 
     @classmethod
-    def of_outline(cls, points: NDArray[np.float64], first: NDArray[np.int64]) -> Regions:
-        """Return one region, whose shells and holes are wound oppositely, whichever is which."""
-        region = cls(Rings(points, first), np.array([0, len(first) - 1]))
-        if region.rings.areas.sum() > 0:
-            return region
-        return cls(Rings(points[::-1], len(points) - first[::-1]), region.first)
+    def facing_left(cls, rings: Rings, first: NDArray[np.int64]) -> Regions:
+        """Turn the contours of regions whose shells are wound clockwise."""
+        regions = cls(rings, first)
+        is_right = np.repeat(regions.areas < 0, np.diff(first))
+        if not is_right.any():
+            return regions
+        numbers, positions = number_within(rings.counts)
+        turned = rings.counts[numbers] - 1 - positions
+        vertices = rings.first[numbers] + np.where(is_right[numbers], turned, positions)
+        return cls(Rings(rings.points[vertices], rings.first), first)
 
     @classmethod
     def of_sections(cls, sections: Iterable[CrossSection]) -> Regions:
@@ -93,20 +97,17 @@ class Regions:
         """The region of each contour."""
         return np.repeat(np.arange(len(self)), np.diff(self.first))
 
-    def hold(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell whether each region holds a point, its own one of shape (regions, 2)."""
-        owners = np.repeat(self.owners, self.rings.counts)
-        starts = self.rings.points - points[owners]
-        ends = starts[self.rings.following]
-        passes = np.flatnonzero((starts[:, 1] <= 0) != (ends[:, 1] <= 0))
-        (x, y), (x2, y2) = starts[passes].T, ends[passes].T
-        right = (x * y2 - x2 * y > 0) == (y2 > y)
-        return np.bincount(owners[passes][right], minlength=len(self)) % 2 == 1
+    def hold(
+        self, chosen: NDArray[np.int64], points: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Tell whether regions, chosen among these, hold a point each, shape (chosen, 2)."""
+        is_held = np.empty(len(chosen), dtype=bool)
+        hold(*self.arrays, chosen, points, is_held)
+        return is_held
 
     def cleaned(self, tolerance: float) -> Regions:
         """Leave out vertices that stand out by no more than a tolerance, and what is thinner."""
-        points, rings, first = simplify(*self.arrays, tolerance)
-        return Regions(_rings(points, rings), np.frombuffer(first, dtype=np.int64))
+        return _regions(*simplify(*self.arrays, tolerance))
 
     def part(self, low: int, high: int) -> Regions:
         """Return the regions from one to another."""
@@ -190,35 +191,40 @@ class Regions:
         sections = [self.section(place) + others.section(place) for place in both.tolist()]
         return joined.replaced(both, Regions.of_sections(sections))
 
-    def clipped(self, footprints: Footprints) -> Regions:
-        """Return what these regions have in common with footprints, plane by plane.
+    def clipped(self, footprints: Sequence[Footprints]) -> Regions:
+        """Return what these regions have in common with all of some footprints, plane by plane.
 
         Notes
         -----
         Boundaries that cross clearly, each crossing and each vertex apart from everything else by
-        more than `CLEARANCE`, are joined at their crossings (Weiler and Atherton). The other
-        planes are left to Clipper2.
+        more than `CLEARANCE`, are joined at their crossings (Weiler and Atherton). Elsewhere a
+        step is left to Clipper2.
 
         References
         ----------
         K. Weiler and P. Atherton, Hidden surface removal using polygon area sorting, 1977.
         """
-        outlines, is_doubtful = footprints.outlines, np.zeros(len(self), dtype=bool)
-        points, rings, first = intersect(
-            *self.arrays,
-            *outlines.arrays,
-            footprints.chosen,
-            footprints.scales,
-            footprints.shifts,
-            is_doubtful,
-            CLEARANCE,
-        )
-        clear = Regions(_rings(points, rings), np.frombuffer(first, dtype=np.int64))
-        doubtful = np.flatnonzero(is_doubtful)
-        if len(doubtful) == 0:
-            return clear
-        sections = [self.section(plane) ^ footprints.section(plane) for plane in doubtful.tolist()]
-        return clear.replaced(doubtful, Regions.of_sections(sections))
+        if not footprints:
+            return self
+        numbers = np.cumsum([0, *(len(footprint.outlines) for footprint in footprints)])
+        outlines = Regions.joined([footprint.outlines for footprint in footprints]).arrays
+        chosen = np.concatenate([it.chosen + low for it, low in zip(footprints, numbers, strict=False)])
+        scales = np.concatenate([footprint.scales for footprint in footprints])
+        shifts = np.concatenate([footprint.shifts for footprint in footprints])
+        done = np.zeros(len(self), dtype=np.int64)
+        regions = self
+        while True:
+            arrays = clip(*regions.arrays, *outlines, chosen, scales, shifts, done, CLEARANCE)
+            regions = _regions(*arrays)
+            doubtful = np.flatnonzero(done < len(footprints))
+            if len(doubtful) == 0:
+                return regions
+            sections = [
+                regions.section(plane) ^ footprints[done[plane]].section(plane)
+                for plane in doubtful.tolist()
+            ]
+            regions = regions.replaced(doubtful, Regions.of_sections(sections))
+            done[doubtful] += 1
 
     @property
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
@@ -262,5 +268,6 @@ class Footprints:
         return outline.scale(2 * (self.scales[plane],)).translate(self.shifts[plane])
 
 
-def _rings(points: bytes, first: bytes) -> Rings:
-    return Rings(np.frombuffer(points).reshape(-1, 2), np.frombuffer(first, dtype=np.int64))
+def _regions(points: bytes, rings: bytes, first: bytes) -> Regions:
+    contours = Rings(np.frombuffer(points).reshape(-1, 2), np.frombuffer(rings, dtype=np.int64))
+    return Regions(contours, np.frombuffer(first, dtype=np.int64))

@@ -360,6 +360,8 @@ class Intersection:
         The newest views come first, as they leave the least.
         """
         levels = self._start(offsets)
+        if len(levels) == 1:
+            return [levels[0].clipped([volume(offsets) for volume in self.volumes])]
         for volume in self.volumes:
             levels = clip_levels(levels, volume, offsets)
         return levels
@@ -480,14 +482,12 @@ def clip_levels(levels: Levels, volume: ViewingVolume, offsets: NDArray[np.float
     levels : list of Regions
     """
     met = np.flatnonzero(levels[-1].is_met)
-    footprints = volume(offsets[met])
+    footprints = [volume(offsets[met])]
     before = [sections.take(met) for sections in levels]
     clipped = [sections.clipped(footprints) for sections in before]
     for number in range(1, len(levels)):
         clipped[number] = clipped[number].united(before[number - 1])
-    return [
-        sections.replaced(met, cut) for sections, cut in zip(levels, clipped, strict=True)
-    ]
+    return [sections.replaced(met, cut) for sections, cut in zip(levels, clipped, strict=True)]
 
 
 def viewing_volume(view: View, family: PlaneFamily) -> ViewingVolume:
@@ -519,7 +519,7 @@ def _prism(view: View, family: PlaneFamily) -> ViewingVolume:
     planes_from_image = np.linalg.inv(image_from_planes[:, :2])
     shift = -planes_from_image @ image_from_planes[:, 2]
     points = (view.outline.points / family.unit - origin) @ planes_from_image.T
-    outline = Regions.of_outline(points, view.outline.first)
+    outline = _one_region(points, view)
 
     def volume(offsets: NDArray[np.float64]) -> Footprints:
         count = len(offsets)
@@ -527,6 +527,12 @@ def _prism(view: View, family: PlaneFamily) -> ViewingVolume:
         return Footprints(outline, chosen, scales, offsets[:, None] * shift)
 
     return volume
+
+
+def _one_region(points: NDArray[np.float64], view: View) -> Regions:
+    """Make a region of a view's outline, given where its vertices are in the plane."""
+    first = view.outline.first
+    return Regions.facing_left(Rings(points, first), np.array([0, len(first) - 1]))
 
 
 def _cone(view: View, family: PlaneFamily) -> ViewingVolume:
@@ -539,7 +545,7 @@ def _cone(view: View, family: PlaneFamily) -> ViewingVolume:
     whole = Regions.of_rings([[]])
     if deepest:
         outline = deepest * rays[:, :2] / rays[:, 2:]
-        whole = Regions.of_outline(outline, view.outline.first)
+        whole = _one_region(outline, view)
 
     def volume(offsets: NDArray[np.float64]) -> Footprints:
         heights = offsets - position[2]
@@ -562,16 +568,11 @@ def _partial_cuts(
     margins = np.sign(heights)[:, None] * rays[:, 2] - (np.abs(heights) / far)[:, None]
     planes, rings, cut = _cut_rings(rays, counts, margins)
     points = (heights[planes] / cut[:, 2])[:, None] * cut[:, :2]
-    bounds = np.searchsorted(
-        planes * len(counts) + rings, np.arange(len(heights) * len(counts) + 1)
-    )
-
-    sections = []
-    for index in range(len(heights)):
-        ends = bounds[index * len(counts) : (index + 1) * len(counts) + 1]
-        pieces = [points[low:high] for low, high in pairwise(ends) if high - low > 2]
-        sections.append(CrossSection(pieces, EVEN_ODD))
-    return Regions.of_sections(sections)
+    numbers = np.bincount(planes * len(counts) + rings, minlength=len(heights) * len(counts))
+    kept = numbers > 2
+    first = ends_of(kept.reshape(len(heights), len(counts)).sum(axis=1))
+    contours = Rings(points[np.repeat(kept, numbers)], ends_of(numbers[kept]))
+    return Regions.facing_left(contours, first)
 
 
 def _cut_rings(
