@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_STRIPS = 4096, EDGES_A_STRIP = 8 }; /* fewer strips cost more tests, more cost more entries */
+enum { EDGES_A_CELL = 2, MOST_ROWS = 1000 }; /* of the grid in which edges are looked up */
 enum { MOST_LEFT_OUT = 16 }; /* vertices one after the other: so that time stays linear */
 
 /* Rings, one behind the other, and regions of rings, likewise; the inside is on their left. */
@@ -30,14 +30,39 @@ typedef struct {
     size_t count, room, size;
 } List;
 
-/* One region, laid out for edges: edge i goes from vertex i to vertex next[i]. */
+typedef struct {
+    double low[2], high[2];
+} Box;
+
+/* A region's edges: edge i goes from vertex i to vertex next[i]. */
 typedef struct {
     int64_t count, rings;
-    double *points;       /* (count, 2) */
+    const double *points; /* (count, 2) */
     int64_t *next, *ring; /* (count,) */
     int64_t *first;       /* (rings + 1,) */
-    uint8_t *is_crossed;  /* (rings,) */
-    double low[2], high[2];
+    Box box;
+} Edges;
+
+typedef struct {
+    Box box;
+    int64_t edge;
+    int64_t first[2]; /* the least column and row that the edge meets */
+} Entry;
+
+/* Edges, entered in the cells of a grid over their box. */
+typedef struct {
+    int64_t counts[2]; /* columns and rows */
+    double per_unit[2];
+    int64_t *ends; /* cell i has entries[ends[i]] up to entries[ends[i + 1]] */
+    Entry *entries;
+} Grid;
+
+/* One of two regions in a plane: edges, scaled and shifted. */
+typedef struct {
+    const Edges *edges;
+    double scale;
+    const double *shift;
+    uint8_t *is_crossed; /* (rings,) */
 } Side;
 
 typedef struct {
@@ -56,13 +81,24 @@ typedef struct {
     int64_t crossing;
 } Place;
 
+/* An outline that many planes are clipped with. */
 typedef struct {
-    List laid[2][4]; /* the arrays of both sides; these and the next are kept from plane to plane */
-    List strips, entries, crossings, places;
+    List memory[3], cells, entries;
+    Edges edges;
+    Grid grid;
+    int is_laid;
+} Outline;
+
+typedef struct {
+    List kept, memory[3]; /* of a plane's region, reused from plane to plane like the next ones */
+    List is_crossed[2], crossings, places;
     List points, rings, regions; /* results */
 } Room;
 
 typedef enum { DONE, DOUBTFUL, NO_MEMORY } Outcome;
+
+static double lesser(double one, double other) { return one < other ? one : other; }
+static double greater(double one, double other) { return one > other ? one : other; }
 
 static void *reserved(List *list, size_t count, size_t size)
 {
@@ -102,47 +138,46 @@ static int add_end(List *ends, size_t count)
     return end != NULL;
 }
 
-/* --- one side of a plane ------------------------------------------------------------------ */
+/* --- edges -------------------------------------------------------------------------------- */
 
-/* Lay a region out, scaled and shifted; `memory` is four lists of the side's own. */
-static int lay_out(Side *side, List *memory, const Regions *from, int64_t region, double scale,
-                   const double *shift)
+/* Lay a region's edges out in three lists, which the result points to. */
+static int lay_out(Edges *edges, List *memory, const Regions *from, int64_t region)
 {
     const int64_t *rings = from->rings + from->regions[region];
-    side->rings = from->regions[region + 1] - from->regions[region];
-    side->count = rings[side->rings] - rings[0];
-    const size_t count = (size_t)side->count, others = (size_t)side->rings + 1;
-    side->points = reserved(&memory[0], count, 2 * sizeof(double));
-    side->next = reserved(&memory[1], 2 * count, sizeof(int64_t));
-    side->first = reserved(&memory[2], others, sizeof(int64_t));
-    side->is_crossed = reserved(&memory[3], others, 1);
-    if (!side->points || !side->next || !side->first || !side->is_crossed)
+    edges->rings = from->regions[region + 1] - from->regions[region];
+    edges->count = rings[edges->rings] - rings[0];
+    edges->points = from->points + 2 * rings[0];
+    edges->next = reserved(&memory[0], (size_t)edges->count, sizeof(int64_t));
+    edges->ring = reserved(&memory[1], (size_t)edges->count, sizeof(int64_t));
+    edges->first = reserved(&memory[2], (size_t)edges->rings + 1, sizeof(int64_t));
+    if (!edges->next || !edges->ring || !edges->first)
         return 0;
-    side->ring = side->next + count;
-    memset(side->is_crossed, 0, others);
     for (int axis = 0; axis < 2; axis++) {
-        side->low[axis] = INFINITY;
-        side->high[axis] = -INFINITY;
+        edges->box.low[axis] = INFINITY;
+        edges->box.high[axis] = -INFINITY;
     }
-    const double *points = from->points + 2 * rings[0];
-    for (int64_t place = 0; place < 2 * side->count; place++) {
-        const double value = scale * points[place] + shift[place & 1];
-        side->points[place] = value;
-        if (value < side->low[place & 1])
-            side->low[place & 1] = value;
-        if (value > side->high[place & 1])
-            side->high[place & 1] = value;
+    for (int64_t place = 0; place < 2 * edges->count; place++) {
+        const double value = edges->points[place];
+        edges->box.low[place & 1] = lesser(edges->box.low[place & 1], value);
+        edges->box.high[place & 1] = greater(edges->box.high[place & 1], value);
     }
-    for (int64_t ring = 0; ring < side->rings; ring++) {
+    for (int64_t ring = 0; ring < edges->rings; ring++) {
         const int64_t begin = rings[ring] - rings[0], end = rings[ring + 1] - rings[0];
-        side->first[ring] = begin;
+        edges->first[ring] = begin;
         for (int64_t vertex = begin; vertex < end; vertex++) {
-            side->next[vertex] = vertex + 1 < end ? vertex + 1 : begin;
-            side->ring[vertex] = ring;
+            edges->next[vertex] = vertex + 1 < end ? vertex + 1 : begin;
+            edges->ring[vertex] = ring;
         }
     }
-    side->first[side->rings] = side->count;
+    edges->first[edges->rings] = edges->count;
     return 1;
+}
+
+/* Return where a vertex of a side is in the plane. */
+static void find_vertex(const Side *side, int64_t vertex, double *point)
+{
+    for (int axis = 0; axis < 2; axis++)
+        point[axis] = side->scale * side->edges->points[2 * vertex + axis] + side->shift[axis];
 }
 
 /* Return twice the area of a triangle: positive where the point is on the left of the edge. */
@@ -159,12 +194,16 @@ static int is_passed(const double *start, const double *end, const double *point
     return (cross(start, end, point) > 0) == (end[1] > start[1]);
 }
 
-/* Tell whether a point lies inside a side. */
+/* Tell whether a point of the plane lies inside a side. */
 static int is_inside(const Side *side, const double *point)
 {
+    const Edges *edges = side->edges;
+    double own[2];
     int inside = 0;
-    for (int64_t edge = 0; edge < side->count; edge++)
-        inside ^= is_passed(side->points + 2 * edge, side->points + 2 * side->next[edge], point);
+    for (int axis = 0; axis < 2; axis++)
+        own[axis] = (point[axis] - side->shift[axis]) / side->scale;
+    for (int64_t edge = 0; edge < edges->count; edge++)
+        inside ^= is_passed(edges->points + 2 * edge, edges->points + 2 * edges->next[edge], own);
     return inside;
 }
 
@@ -183,6 +222,12 @@ static int region_holds(const Regions *regions, int64_t region, const double *po
 
 /* --- crossings ---------------------------------------------------------------------------- */
 
+static double length_of(const double *start, const double *end)
+{
+    const double x = end[0] - start[0], y = end[1] - start[1];
+    return sqrt(x * x + y * y);
+}
+
 /* Tell whether a point beside a segment, by the cross product, comes near it. */
 static int is_near(const double *start, const double *end, const double *point, double beside,
                    double length, double tolerance)
@@ -195,15 +240,13 @@ static int is_near(const double *start, const double *end, const double *point, 
 }
 
 /* Look at an edge of each side; add their crossing if they have one. */
-static Outcome cross_edges(Room *room, Side *const sides[2], const int64_t edges[2],
-                           double tolerance)
+static Outcome cross_edges(Room *room, const Side *sides, const int64_t edges[2], double tolerance)
 {
-    const double *start[2], *end[2];
-    double before[2], after[2], length[2];
+    double start[2][2], end[2][2], before[2], after[2], length[2];
     for (int side = 0; side < 2; side++) {
-        start[side] = sides[side]->points + 2 * edges[side];
-        end[side] = sides[side]->points + 2 * sides[side]->next[edges[side]];
-        length[side] = hypot(end[side][0] - start[side][0], end[side][1] - start[side][1]);
+        find_vertex(&sides[side], edges[side], start[side]);
+        find_vertex(&sides[side], sides[side].edges->next[edges[side]], end[side]);
+        length[side] = length_of(start[side], end[side]);
     }
     int is_clear = 1;
     for (int side = 0; side < 2; side++) { /* the ends of this side's edge beside the other's */
@@ -235,7 +278,7 @@ static Outcome cross_edges(Room *room, Side *const sides[2], const int64_t edges
     for (int side = 0; side < 2; side++) {
         crossing->edge[side] = edges[side];
         crossing->at[side] = before[side] / (before[side] - after[side]);
-        sides[side]->is_crossed[sides[side]->ring[edges[side]]] = 1;
+        sides[side].is_crossed[sides[side].edges->ring[edges[side]]] = 1;
     }
     for (int axis = 0; axis < 2; axis++)
         crossing->point[axis] = start[0][axis] + crossing->at[0] * (end[0][axis] - start[0][axis]);
@@ -244,117 +287,142 @@ static Outcome cross_edges(Room *room, Side *const sides[2], const int64_t edges
     return DONE;
 }
 
-static double lesser(double one, double other) { return one < other ? one : other; }
-static double greater(double one, double other) { return one > other ? one : other; }
+/* --- looking edges up --------------------------------------------------------------------- */
 
-/* The box of an edge, grown by the tolerance. */
-typedef struct {
-    double low[2], high[2];
-} Box;
-
-static Box box_of(const Side *side, int64_t edge, double tolerance)
+static Box box_of(const Edges *edges, int64_t edge)
 {
-    const double *start = side->points + 2 * edge, *end = side->points + 2 * side->next[edge];
+    const double *start = edges->points + 2 * edge, *end = edges->points + 2 * edges->next[edge];
     Box box;
     for (int axis = 0; axis < 2; axis++) {
-        box.low[axis] = lesser(start[axis], end[axis]) - tolerance;
-        box.high[axis] = greater(start[axis], end[axis]) + tolerance;
+        box.low[axis] = lesser(start[axis], end[axis]);
+        box.high[axis] = greater(start[axis], end[axis]);
     }
     return box;
 }
 
-static int boxes_meet(const double *low, const double *high, const Box *box)
+static int boxes_meet(const Box *one, const Box *other)
 {
-    return (box->low[0] <= high[0]) & (low[0] <= box->high[0]) & (box->low[1] <= high[1])
-           & (low[1] <= box->high[1]); /* all four: a branch at each would cost more */
+    return (one->low[0] <= other->high[0]) & (other->low[0] <= one->high[0])
+           & (one->low[1] <= other->high[1])
+           & (other->low[1] <= one->high[1]); /* all four: a branch at each would cost more */
 }
 
-typedef struct {
-    Box box;
-    int64_t edge, strip; /* the first strip that the edge meets */
-} Entry;
-
-/* Edges of a side, entered in the strips of equal height that they meet within a box. */
-typedef struct {
-    int64_t count;
-    double low[2], high[2], per_unit;
-    int64_t *ends; /* strip i has entries[ends[i]] up to entries[ends[i + 1]] */
-    Entry *entries;
-} Strips;
-
-static int64_t strip_of(const Strips *strips, double y)
+/* Find the column and the row of a corner of a box. */
+static void find_cell(const Outline *outline, const double *corner, int64_t *cell)
 {
-    const double strip = (y - strips->low[1]) * strips->per_unit;
-    if (!(strip > 0))
+    for (int axis = 0; axis < 2; axis++) {
+        const double place = (corner[axis] - outline->edges.box.low[axis])
+                             * outline->grid.per_unit[axis];
+        const double last = (double)(outline->grid.counts[axis] - 1);
+        cell[axis] = (int64_t)greater(0.0, lesser(place, last));
+    }
+}
+
+/* Choose how many cells, so that the edges meet a few each on average, however long they are. */
+static void choose_cells(Outline *outline)
+{
+    const Edges *edges = &outline->edges;
+    double spans[2] = {0.0, 0.0};
+    for (int64_t edge = 0; edge < edges->count; edge++) {
+        const Box box = box_of(edges, edge);
+        for (int axis = 0; axis < 2; axis++)
+            spans[axis] += box.high[axis] - box.low[axis];
+    }
+    const double fair = lesser(sqrt((double)edges->count / EDGES_A_CELL), MOST_ROWS);
+    for (int axis = 0; axis < 2; axis++) {
+        const double extent = edges->box.high[axis] - edges->box.low[axis];
+        const double most = extent > 0 ? (double)edges->count * extent / spans[axis] : 0.0;
+        outline->grid.counts[axis] = 1 + (int64_t)lesser(fair, most);
+        outline->grid.per_unit[axis] = extent > 0 ? (double)outline->grid.counts[axis] / extent : 0;
+    }
+}
+
+/* Enter the edges of an outline in the cells of a grid. */
+static int enter_edges(Outline *outline)
+{
+    Grid *grid = &outline->grid;
+    choose_cells(outline);
+    const size_t cells = (size_t)(grid->counts[0] * grid->counts[1]);
+    grid->ends = reserved(&outline->cells, cells + 2, sizeof(int64_t));
+    if (grid->ends == NULL)
         return 0;
-    return strip >= (double)strips->count ? strips->count - 1 : (int64_t)strip;
-}
-
-static Outcome enter_edges(Room *room, Strips *strips, const Side *side, double tolerance)
-{
-    const size_t count = (size_t)strips->count;
-    strips->ends = reserved(&room->strips, count + 2, sizeof(int64_t));
-    if (strips->ends == NULL)
-        return NO_MEMORY;
-    memset(strips->ends, 0, (count + 2) * sizeof(int64_t));
+    memset(grid->ends, 0, (cells + 2) * sizeof(int64_t));
     for (int enters = 0; enters < 2; enters++) { /* count them, then enter them */
-        for (int64_t edge = 0; edge < side->count; edge++) {
-            const Box box = box_of(side, edge, tolerance);
-            if (!boxes_meet(strips->low, strips->high, &box))
-                continue;
-            const int64_t first = strip_of(strips, box.low[1]);
-            const int64_t last = strip_of(strips, box.high[1]);
-            for (int64_t strip = first; strip <= last; strip++) {
-                if (enters)
-                    strips->entries[strips->ends[strip + 1]++] = (Entry){box, edge, first};
-                else
-                    strips->ends[strip + 2]++;
+        for (int64_t edge = 0; edge < outline->edges.count; edge++) {
+            Entry entry = {.box = box_of(&outline->edges, edge), .edge = edge};
+            int64_t last[2];
+            find_cell(outline, entry.box.low, entry.first);
+            find_cell(outline, entry.box.high, last);
+            for (int64_t row = entry.first[1]; row <= last[1]; row++) {
+                int64_t *ends = grid->ends + row * grid->counts[0];
+                for (int64_t column = entry.first[0]; column <= last[0]; column++) {
+                    if (enters)
+                        grid->entries[ends[column + 1]++] = entry;
+                    else
+                        ends[column + 2]++;
+                }
             }
         }
         if (enters)
             break;
-        for (size_t strip = 2; strip < count + 2; strip++)
-            strips->ends[strip] += strips->ends[strip - 1];
-        strips->entries = reserved(&room->entries, (size_t)strips->ends[count + 1], sizeof(Entry));
-        if (strips->entries == NULL)
-            return NO_MEMORY;
+        for (size_t cell = 2; cell < cells + 2; cell++)
+            grid->ends[cell] += grid->ends[cell - 1];
+        grid->entries = reserved(&outline->entries, (size_t)grid->ends[cells + 1], sizeof(Entry));
+        if (grid->entries == NULL)
+            return 0;
+    }
+    return 1;
+}
+
+/* Find the crossings of an edge of the first side with the outline's edges in one cell. */
+static Outcome cross_cell(Room *room, const Side *sides, const Grid *grid, const Entry *edge,
+                          int64_t column, int64_t row, double tolerance)
+{
+    const int64_t cell = row * grid->counts[0] + column;
+    for (int64_t place = grid->ends[cell]; place < grid->ends[cell + 1]; place++) {
+        const Entry *other = &grid->entries[place];
+        if (!boxes_meet(&edge->box, &other->box))
+            continue;
+        if (column != (other->first[0] > edge->first[0] ? other->first[0] : edge->first[0])
+            || row != (other->first[1] > edge->first[1] ? other->first[1] : edge->first[1]))
+            continue; /* not the first cell of both */
+        const int64_t edges[2] = {edge->edge, other->edge};
+        const Outcome outcome = cross_edges(room, sides, edges, tolerance);
+        if (outcome != DONE)
+            return outcome;
     }
     return DONE;
 }
 
-/* Find all crossings of two sides. */
-static Outcome find_crossings(Room *room, Side *const sides[2], double tolerance)
+/* Find all crossings of two sides, the second of which is the outline. */
+static Outcome find_crossings(Room *room, const Side *sides, const Outline *outline,
+                              double tolerance)
 {
-    Strips strips;
-    for (int axis = 0; axis < 2; axis++) {
-        strips.low[axis] = greater(sides[0]->low[axis], sides[1]->low[axis]) - tolerance;
-        strips.high[axis] = lesser(sides[0]->high[axis], sides[1]->high[axis]) + tolerance;
-        if (strips.low[axis] > strips.high[axis])
-            return DONE;
-    }
-    const int64_t wanted = sides[1]->count / EDGES_A_STRIP + 1;
-    strips.count = wanted < MOST_STRIPS ? wanted : MOST_STRIPS;
-    strips.per_unit = (double)strips.count / (strips.high[1] - strips.low[1]);
-    Outcome outcome = enter_edges(room, &strips, sides[1], tolerance);
-    for (int64_t edge = 0; edge < sides[0]->count && outcome == DONE; edge++) {
-        const Box box = box_of(sides[0], edge, tolerance);
-        if (!boxes_meet(strips.low, strips.high, &box))
+    const double scale = sides[1].scale, *shift = sides[1].shift;
+    for (int64_t edge = 0; edge < sides[0].edges->count; edge++) {
+        Entry entry = {.box = box_of(sides[0].edges, edge), .edge = edge};
+        int64_t last[2];
+        for (int axis = 0; axis < 2; axis++) { /* twice the tolerance, as this is rounded */
+            entry.box.low[axis] = (entry.box.low[axis] - shift[axis] - 2 * tolerance) / scale;
+            entry.box.high[axis] = (entry.box.high[axis] - shift[axis] + 2 * tolerance) / scale;
+        }
+        if (!boxes_meet(&entry.box, &outline->edges.box))
             continue;
-        const int64_t first = strip_of(&strips, box.low[1]), last = strip_of(&strips, box.high[1]);
-        for (int64_t strip = first; strip <= last && outcome == DONE; strip++) {
-            for (int64_t place = strips.ends[strip];
-                 place < strips.ends[strip + 1] && outcome == DONE; place++) {
-                const Entry *entry = &strips.entries[place];
-                if (!boxes_meet(box.low, box.high, &entry->box))
-                    continue;
-                const int64_t edges[2] = {edge, entry->edge};
-                if (strip == (entry->strip > first ? entry->strip : first)) /* the first of both */
-                    outcome = cross_edges(room, sides, edges, tolerance);
+        find_cell(outline, entry.box.low, entry.first);
+        find_cell(outline, entry.box.high, last);
+        for (int64_t row = entry.first[1]; row <= last[1]; row++) {
+            for (int64_t column = entry.first[0]; column <= last[0]; column++) {
+                const Outcome outcome = cross_cell(room, sides, &outline->grid, &entry, column,
+                                                   row, tolerance);
+                if (outcome != DONE)
+                    return outcome;
             }
         }
     }
-    return outcome;
+    return DONE;
 }
+
+/* --- joining ------------------------------------------------------------------------------ */
 
 static int in_order(const void *one, const void *other)
 {
@@ -365,7 +433,7 @@ static int in_order(const void *one, const void *other)
 }
 
 /* Find the crossing after each along one side's rings. */
-static Outcome link_crossings(Room *room, const Side *side, int which, double tolerance)
+static Outcome link_crossings(Room *room, const Edges *edges, int which, double tolerance)
 {
     Crossing *crossings = room->crossings.items;
     const size_t count = room->crossings.count;
@@ -378,8 +446,8 @@ static Outcome link_crossings(Room *room, const Side *side, int which, double to
     qsort(places, count, sizeof(Place), in_order);
     size_t first = 0; /* of the ring */
     for (size_t place = 0; place < count; place++) {
-        const int64_t ring = side->ring[places[place].edge];
-        const int is_last = place + 1 == count || side->ring[places[place + 1].edge] != ring;
+        const int64_t ring = edges->ring[places[place].edge];
+        const int is_last = place + 1 == count || edges->ring[places[place + 1].edge] != ring;
         const Place *next = &places[is_last ? first : place + 1];
         Crossing *here = &crossings[places[place].crossing], *there = &crossings[next->crossing];
         if (here->enters == there->enters)
@@ -395,12 +463,17 @@ static Outcome link_crossings(Room *room, const Side *side, int which, double to
     return DONE;
 }
 
-/* --- the result --------------------------------------------------------------------------- */
+static int add_vertex(Room *room, const Side *side, int64_t vertex)
+{
+    double point[2];
+    find_vertex(side, vertex, point);
+    return add_point(room, point);
+}
 
 static int add_ring(Room *room, const Side *side, int64_t ring)
 {
-    for (int64_t vertex = side->first[ring]; vertex < side->first[ring + 1]; vertex++)
-        if (!add_point(room, side->points + 2 * vertex))
+    for (int64_t vertex = side->edges->first[ring]; vertex < side->edges->first[ring + 1]; vertex++)
+        if (!add_vertex(room, side, vertex))
             return 0;
     return add_end(&room->rings, room->points.count);
 }
@@ -408,10 +481,12 @@ static int add_ring(Room *room, const Side *side, int64_t ring)
 /* Add the rings of a side that cross nothing and lie inside the other side. */
 static int add_whole_rings(Room *room, const Side *side, const Side *other)
 {
-    for (int64_t ring = 0; ring < side->rings; ring++)
-        if (!side->is_crossed[ring] && is_inside(other, side->points + 2 * side->first[ring])
-            && !add_ring(room, side, ring))
+    for (int64_t ring = 0; ring < side->edges->rings; ring++) {
+        double point[2];
+        find_vertex(side, side->edges->first[ring], point);
+        if (!side->is_crossed[ring] && is_inside(other, point) && !add_ring(room, side, ring))
             return 0;
+    }
     return 1;
 }
 
@@ -423,15 +498,15 @@ static int add_part(Room *room, const Side *side, int which, const Crossing *fro
     if (edge == to->edge[which] && from->at[which] < to->at[which])
         return 1;
     do {
-        edge = side->next[edge];
-        if (!add_point(room, side->points + 2 * edge))
+        edge = side->edges->next[edge];
+        if (!add_vertex(room, side, edge))
             return 0;
     } while (edge != to->edge[which]);
     return 1;
 }
 
 /* Follow the first side inside the second one, and the second inside the first, in turn. */
-static int add_joined_rings(Room *room, Side *const sides[2])
+static int add_joined_rings(Room *room, const Side *sides)
 {
     Crossing *crossings = room->crossings.items;
     for (size_t start = 0; start < room->crossings.count; start++) {
@@ -442,7 +517,7 @@ static int add_joined_rings(Room *room, Side *const sides[2])
         do {
             Crossing *next = &crossings[here->next[which]];
             here->is_used = 1;
-            if (!add_point(room, here->point) || !add_part(room, sides[which], which, here, next))
+            if (!add_point(room, here->point) || !add_part(room, &sides[which], which, here, next))
                 return 0;
             here = next;
             which = !which;
@@ -453,17 +528,24 @@ static int add_joined_rings(Room *room, Side *const sides[2])
     return 1;
 }
 
-/* Intersect two sides. */
-static Outcome intersect_sides(Room *room, Side *const sides[2], double tolerance)
+/* Intersect two sides, the second of which is the outline. */
+static Outcome intersect(Room *room, Side *sides, const Outline *outline, double tolerance)
 {
     room->crossings.count = 0;
-    Outcome outcome = find_crossings(room, sides, tolerance);
+    for (int which = 0; which < 2; which++) {
+        const size_t rings = (size_t)sides[which].edges->rings;
+        sides[which].is_crossed = reserved(&room->is_crossed[which], rings, 1);
+        if (sides[which].is_crossed == NULL)
+            return NO_MEMORY;
+        memset(sides[which].is_crossed, 0, rings);
+    }
+    Outcome outcome = find_crossings(room, sides, outline, tolerance);
     for (int which = 0; which < 2 && outcome == DONE; which++)
-        outcome = link_crossings(room, sides[which], which, tolerance);
+        outcome = link_crossings(room, sides[which].edges, which, tolerance);
     if (outcome != DONE)
         return outcome;
-    const int fits = add_joined_rings(room, sides) && add_whole_rings(room, sides[0], sides[1])
-                     && add_whole_rings(room, sides[1], sides[0]);
+    const int fits = add_joined_rings(room, sides) && add_whole_rings(room, &sides[0], &sides[1])
+                     && add_whole_rings(room, &sides[1], &sides[0]);
     return fits ? DONE : NO_MEMORY;
 }
 
@@ -479,50 +561,87 @@ typedef struct {
     double tolerance;
 } Work;
 
+/* Lay an outline out when it is first needed. */
+static const Outline *laid(const Work *work, Outline *outlines, int64_t which)
+{
+    Outline *outline = &outlines[which];
+    if (!outline->is_laid)
+        outline->is_laid = lay_out(&outline->edges, outline->memory, &work->outlines, which)
+                           && enter_edges(outline);
+    return outline->is_laid ? outline : NULL;
+}
+
+/* Take what has been added since there were so many points and ends of rings as a region. */
+static int take_back(Room *room, Edges *region, size_t points, size_t ends)
+{
+    const size_t count = room->points.count - points;
+    const int64_t rings[2] = {0, (int64_t)(room->rings.count - ends)};
+    double *kept = reserved(&room->kept, count, 2 * sizeof(double));
+    int64_t *numbers = (int64_t *)room->rings.items + ends - 1;
+    if (kept == NULL)
+        return 0;
+    memcpy(kept, (double *)room->points.items + 2 * points, count * 2 * sizeof(double));
+    for (int64_t ring = rings[1]; ring >= 0; ring--)
+        numbers[ring] -= numbers[0];
+    const Regions result = {kept, numbers, rings, 1};
+    const int fits = lay_out(region, room->memory, &result, 0);
+    numbers[0] = (int64_t)points;
+    room->points.count = points;
+    room->rings.count = ends;
+    return fits;
+}
+
 /* Clip the region of one plane, step by step; stop before a step that is doubtful. */
-static int clip_plane(const Work *work, Room *room, Py_ssize_t plane)
+static int clip_plane(const Work *work, Room *room, Outline *outlines, Py_ssize_t plane)
 {
     static const double NOWHERE[2] = {0.0, 0.0};
-    const size_t points = room->points.count, rings = room->rings.count - 1;
-    Side first, second;
-    Side *const sides[2] = {&first, &second};
-    if (!lay_out(&first, room->laid[0], &work->regions, plane, 1.0, NOWHERE))
+    const size_t points = room->points.count, ends = room->rings.count;
+    Edges region;
+    if (!lay_out(&region, room->memory, &work->regions, plane))
         return 0;
-    Outcome outcome = DONE;
-    for (int64_t *done = &work->done[plane]; *done < work->steps && first.rings; ++*done) {
-        const Py_ssize_t at = *done * work->regions.count + plane;
-        if (!lay_out(&second, room->laid[1], &work->outlines, work->chosen[at], work->scales[at],
-                     work->shifts + 2 * at))
-            return 0;
-        outcome = intersect_sides(room, sides, work->tolerance);
-        if (outcome != DONE)
+    Side sides[2] = {{.edges = &region, .scale = 1.0, .shift = NOWHERE}};
+    for (int64_t *done = &work->done[plane]; *done < work->steps; ++*done) {
+        if (region.rings == 0) {
+            *done = work->steps;
             break;
-        const int64_t all[2] = {0, (int64_t)(room->rings.count - 1 - rings)};
-        const Regions result = {room->points.items, (int64_t *)room->rings.items + rings, all, 1};
-        if (!lay_out(&first, room->laid[0], &result, 0, 1.0, NOWHERE))
+        }
+        const Py_ssize_t at = *done * work->regions.count + plane;
+        const Outline *outline = laid(work, outlines, work->chosen[at]);
+        if (outline == NULL)
             return 0;
-        room->points.count = points;
-        room->rings.count = rings + 1;
+        sides[1] = (Side){&outline->edges, work->scales[at], work->shifts + 2 * at, NULL};
+        const Outcome outcome = intersect(room, sides, outline, work->tolerance);
+        if (outcome == NO_MEMORY)
+            return 0;
+        if (outcome == DOUBTFUL) {
+            room->points.count = points;
+            room->rings.count = ends;
+            break;
+        }
+        if (!take_back(room, &region, points, ends))
+            return 0;
     }
-    room->points.count = points;
-    room->rings.count = rings + 1;
-    for (int64_t ring = 0; ring < first.rings; ring++)
-        if (!add_ring(room, &first, ring))
+    for (int64_t ring = 0; ring < region.rings; ring++)
+        if (!add_ring(room, &sides[0], ring))
             return 0;
-    if (!first.rings)
-        work->done[plane] = work->steps;
-    return outcome != NO_MEMORY && add_end(&room->regions, room->rings.count - 1);
+    return add_end(&room->regions, room->rings.count - 1);
 }
 
 /* Clip all; return whether the memory sufficed. */
 static int clip_all(const Work *work, Room *room)
 {
-    if (!add_end(&room->rings, 0) || !add_end(&room->regions, 0))
-        return 0;
-    for (Py_ssize_t plane = 0; plane < work->regions.count; plane++)
-        if (!clip_plane(work, room, plane))
-            return 0;
-    return 1;
+    Outline *outlines = calloc((size_t)work->outlines.count + 1, sizeof(Outline));
+    int fits = outlines != NULL && add_end(&room->rings, 0) && add_end(&room->regions, 0);
+    for (Py_ssize_t plane = 0; fits && plane < work->regions.count; plane++)
+        fits = clip_plane(work, room, outlines, plane);
+    for (Py_ssize_t which = 0; outlines && which < work->outlines.count; which++) {
+        for (int list = 0; list < 3; list++)
+            free(outlines[which].memory[list].items);
+        free(outlines[which].cells.items);
+        free(outlines[which].entries.items);
+    }
+    free(outlines);
+    return fits;
 }
 
 /* --- simplification ----------------------------------------------------------------------- */
@@ -655,7 +774,8 @@ static int is_consistent(const Py_buffer *views, Work *work)
     work->shifts = views[SHIFTS].buf;
     work->done = views[DONE_STEPS].buf;
     for (Py_ssize_t place = 0; good && place < places; place++)
-        good = work->chosen[place] >= 0 && work->chosen[place] < work->outlines.count;
+        good = work->chosen[place] >= 0 && work->chosen[place] < work->outlines.count
+               && work->scales[place] > 0;
     for (Py_ssize_t plane = 0; good && plane < planes; plane++)
         good = work->done[plane] >= 0;
     return good;
