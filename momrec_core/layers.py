@@ -10,12 +10,10 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from momrec_core.regions import Footprints, Regions
-from momrec_core.rings import Rings, number_within
+from momrec_core.rings import Rings, ends_of, number_within
 
 __all__ = [
     "Layer",
@@ -26,7 +24,7 @@ __all__ = [
     "without_needless",
 ]
 
-CLEANING = 1e-3  # units: vertices that stand out less are rounding, not shape; float32 keeps it
+CLEANING = 0.1  # units: what stands out less is noise or rounding, and float32 keeps the rest
 MIN_AREA_RATIO = 0.4  # of two matching pieces, below which one contour is no image of the other
 MAX_AREA_RATIO = 1 / MIN_AREA_RATIO
 LEAST_WIDTH = 0.5  # of a piece's box, in x or y, that the matching piece's box has too
@@ -43,42 +41,55 @@ class Layer:
     ----------
     offset : float
         Along the planes' normal, in units.
-    pieces : Regions
-        The pieces, in units; of each the shell, counter-clockwise, then the holes, clockwise.
-    areas : array, shape (pieces,)
-        Their areas, in squared units.
+    batch : Regions
+        The pieces of several layers, in units; of each the shell, counter-clockwise, then the
+        holes, clockwise.
+    low, high : int
+        Which of them are this layer's.
     """
 
     offset: float
-    pieces: Regions
-    areas: NDArray[np.float64]
+    batch: Regions
+    low: int
+    high: int
 
     def __len__(self) -> int:
-        return len(self.pieces)
+        return self.high - self.low
+
+    @cached_property
+    def pieces(self) -> Regions:
+        """The layer's own pieces."""
+        return self.batch.part(self.low, self.high)
 
     @property
     def rings(self) -> Rings:
         """The contours of all pieces, piece by piece."""
         return self.pieces.rings
 
+    @property
+    def areas(self) -> NDArray[np.float64]:
+        """The pieces' areas, in squared units."""
+        return self.batch.areas[self.low : self.high]
+
     @cached_property
     def area(self) -> float:
         """Area of all pieces, in squared units."""
         return float(self.areas.sum())
 
-    @cached_property
-    def region(self) -> Regions:
-        """All pieces as one region."""
-        return Regions(self.rings, self.pieces.first[[0, -1]])
-
     def contours(self, piece: int) -> range:
         """Return the numbers of a piece's contours: its shell, then its holes."""
-        return range(int(self.pieces.first[piece]), int(self.pieces.first[piece + 1]))
+        first = self.batch.first
+        at = self.low + piece
+        return range(int(first[at] - first[self.low]), int(first[at + 1] - first[self.low]))
+
+    def centroids(self, pieces: Sequence[int]) -> NDArray[np.float64]:
+        """Return the centroids of some pieces' shells."""
+        return self.batch.centroids[self.low + np.array(pieces)]
 
     def only(self, pieces: Sequence[int]) -> Layer:
         """Return a layer of some of the pieces."""
-        chosen = np.array(pieces, dtype=np.int64)
-        return Layer(self.offset, self.pieces.take(chosen), self.areas[chosen])
+        chosen = self.pieces.take(np.array(pieces, dtype=np.int64))
+        return Layer(self.offset, chosen, 0, len(chosen))
 
 
 def layers_of_sections(
@@ -99,11 +110,7 @@ def layers_of_sections(
     """
     pieces, ends = sections.cleaned(CLEANING).apart()
     spans = zip(offsets, ends[:-1].tolist(), ends[1:].tolist(), strict=True)
-    areas = pieces.areas
-    return [
-        Layer(float(offset), pieces.part(low, high), areas[low:high])
-        for offset, low, high in spans
-    ]
+    return [Layer(float(offset), pieces, low, high) for offset, low, high in spans]
 
 
 @dataclass(eq=False)
@@ -121,12 +128,15 @@ class Slab:
         The other groups of overlapping pieces, below and above; a piece that overlaps none is
         a group of its own. So are pieces that are each other's only overlap but of very
         different size.
+    knot_areas : (float, float, float)
+        Areas of the knots' pieces below, above, and of what they have in common.
     """
 
     below: Layer
     above: Layer
     pairs: dict[tuple[int, int], list[tuple[int, int]]] = field(default_factory=dict)
     knots: list[tuple[list[int], list[int]]] = field(default_factory=list)
+    knot_areas: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def height(self) -> float:
@@ -139,11 +149,7 @@ class Slab:
 
     def leaves_open(self, volume: float, largest: float) -> bool:
         """Tell whether the doubt exceeds a volume; see `doubt`."""
-        low, high = self._knot_areas
-        ledge = self._ledge(largest)
-        if (low + high + ledge) * self.height <= volume:
-            return False
-        return (abs(low - high) + ledge) * self.height > volume or self.doubt(largest) > volume
+        return self.doubt(largest) > volume
 
     def doubt(self, largest: float) -> float:
         """Return the volume, in cubed units, that pieces which change and ledges leave open.
@@ -153,35 +159,13 @@ class Slab:
         largest : float
             Area of the largest section, in squared units, that ledges are compared with.
         """
-        return (sum(self._knot_areas) - 2 * self._common_area + self._ledge(largest)) * self.height
+        below, above, common = self.knot_areas
+        return (below + above - 2 * common + self._ledge(largest)) * self.height
 
     def _ledge(self, largest: float) -> float:
         """Return the change in area from layer to layer where it is one worth locating."""
         step = abs(self.above.area - self.below.area)
         return step if step > LEDGE * largest else 0.0
-
-    @cached_property
-    def _knot_areas(self) -> tuple[float, float]:
-        """Areas of the knots' pieces below and above."""
-        if not self.knots:
-            return 0.0, 0.0
-        low, high = self._knot_pieces()
-        below = sum(float(self.below.areas[piece]) for piece in low)
-        above = sum(float(self.above.areas[piece]) for piece in high)
-        return below, above
-
-    @cached_property
-    def _common_area(self) -> float:
-        """Area of the knots' pieces that is on both sides."""
-        low, high = self._knot_pieces()
-        if not low or not high:
-            return 0.0
-        above = Footprints.as_they_are(self.above.only(high).region)
-        return float(self.below.only(low).region.clipped([above]).areas[0])
-
-    def _knot_pieces(self) -> tuple[list[int], list[int]]:
-        low, high = ([piece for group in self.knots for piece in group[side]] for side in (0, 1))
-        return low, high
 
 
 class Slabs:
@@ -203,42 +187,89 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     slabs = [Slab(below, above) for below, above in pairs]
     sides = [layer for pair in pairs for layer in pair]
     counts = np.array([len(layer) for layer in sides], dtype=np.int64)
-    count = int(counts.sum())
-    if count == 0:
+    if not counts.any():
         return slabs
-    side_of, place = number_within(counts)
-    pieces = Regions.joined([layer.pieces for layer in sides])
-    areas = np.concatenate([layer.areas for layer in sides])
-    lower, upper = _overlaps(pieces, counts)
-    graph = coo_array((np.ones(len(lower)), (lower, upper)), shape=(count, count))
-    _, labels = connected_components(graph, directed=False)
-    is_pair = (np.bincount(labels) == 2)[labels[lower]]
-    is_pair &= _are_similar(areas[lower], areas[upper])
+    pieces, starts = _all_pieces(sides)
+    owners, places = _overlaps(pieces, starts, counts)
+    lower, upper = (starts.reshape(-1, 2)[owners] + places).T
+    nodes = ends_of(counts)[:-1].reshape(-1, 2)[owners] + places
+    degrees = np.bincount(nodes.ravel(), minlength=counts.sum())
+    is_pair = (degrees[nodes] == 1).all(axis=1)
+    is_pair &= _are_similar(pieces.areas[lower], pieces.areas[upper])
     widths = pieces.boxes[:, 2:] - pieces.boxes[:, :2]
     least, most = (take(widths[lower], widths[upper]) for take in (np.minimum, np.maximum))
     is_pair &= (least > LEAST_WIDTH * most).all(axis=1)
-    is_left = np.ones(count, dtype=bool)
-    sides_of, places = side_of.tolist(), place.tolist()
-    for low, high in zip(lower[is_pair].tolist(), upper[is_pair].tolist(), strict=True):
-        slab, pair = slabs[sides_of[low] // 2], (places[low], places[high])
+    for index in np.flatnonzero(is_pair).tolist():
+        slab, pair = slabs[owners[index]], tuple(places[index].tolist())
         contours = _contour_pairs(slab, *pair)
         if contours:
             slab.pairs[pair] = contours
-            is_left[low] = is_left[high] = False
-    groups: dict[int, tuple[list[int], list[int]]] = {}
-    for piece in np.flatnonzero(is_left).tolist():
-        index, side = divmod(sides_of[piece], 2)
-        if labels[piece] not in groups:
-            groups[labels[piece]] = ([], [])
-            slabs[index].knots.append(groups[labels[piece]])
-        groups[labels[piece]][side].append(places[piece])
+        else:
+            is_pair[index] = False
+    is_left = np.ones(len(degrees), dtype=bool)
+    is_left[nodes[is_pair]] = False
+    side_of, place = number_within(counts)
+    for group in _connected(np.flatnonzero(is_left), nodes[~is_pair]):
+        low, high = ([place[node] for node in group if side_of[node] % 2 == side] for side in (0, 1))
+        slabs[side_of[group[0]] // 2].knots.append((low, high))
     for slab in slabs:
         _bridge(slab)
+    _measure_knots(slabs, pieces, starts.reshape(-1, 2))
     return slabs
 
 
+def _all_pieces(layers: Sequence[Layer]) -> tuple[Regions, NDArray[np.int64]]:
+    """Return the pieces that layers are of, and where among them each layer's begin."""
+    batches = {id(layer.batch): layer.batch for layer in layers}
+    numbers = np.array([len(batch) for batch in batches.values()])
+    starts = dict(zip(batches, ends_of(numbers).tolist(), strict=False))
+    first = np.array([starts[id(layer.batch)] + layer.low for layer in layers])
+    return Regions.joined(list(batches.values())), first
+
+
+def _connected(nodes: NDArray[np.int64], edges: NDArray[np.int64]) -> list[list[int]]:
+    """Group nodes that edges connect, each group and all of them in order."""
+    parents = {node: node for node in nodes.tolist()}
+
+    def root(node: int) -> int:
+        while parents[node] != node:
+            parents[node] = node = parents[parents[node]]
+        return node
+
+    for one, other in edges.tolist():
+        first, second = sorted((root(one), root(other)))
+        parents[second] = first
+    groups: dict[int, list[int]] = {}
+    for node in parents:
+        groups.setdefault(root(node), []).append(node)
+    return list(groups.values())
+
+
+def _measure_knots(
+    slabs: Sequence[Slab], pieces: Regions, starts: NDArray[np.int64]
+) -> None:
+    """Fill in the areas of knots."""
+    tied = [(slab, first) for slab, first in zip(slabs, starts, strict=True) if slab.knots]
+    chosen = [
+        [first[side] + piece for slab, first in tied for group in slab.knots for piece in group[side]]
+        for side in (0, 1)
+    ]
+    numbers = [
+        np.array([sum(len(group[side]) for group in slab.knots) for slab, _ in tied], np.int64)
+        for side in (0, 1)
+    ]
+    below, above = (
+        pieces.take(np.array(one, dtype=np.int64)).merged(number)
+        for one, number in zip(chosen, numbers, strict=True)
+    )
+    common = below.clipped([Footprints.as_they_are(above)])
+    areas = zip(below.areas.tolist(), above.areas.tolist(), common.areas.tolist(), strict=True)
+    for (slab, _), knot_areas in zip(tied, areas, strict=True):
+        slab.knot_areas = knot_areas
+
+
 def _overlaps(
-    pieces: Regions, counts: NDArray[np.int64]
+    pieces: Regions, starts: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return which pieces have an area in common, of layers below and above slabs in turn.
 
@@ -246,41 +277,44 @@ def _overlaps(
     ----------
     pieces : Regions
         Those of all layers.
-    counts : array of int
-        How many each layer has.
+    starts, counts : array of int, shape (2 slabs,)
+        Where each layer's begin, and how many it has.
 
     Returns
     -------
-    lower, upper : array of int
-        Pieces, counted on from layer to layer.
+    owners : array of int, shape (n,)
+        Slabs.
+    places : array of int, shape (n, 2)
+        The pieces' numbers in the layers below and above.
     """
-    first = np.cumsum(counts) - counts
     tries = counts[0::2] * counts[1::2]
-    many = np.flatnonzero(tries > FEW_PAIRS)
-    slab, number = number_within(np.where(tries > FEW_PAIRS, 0, tries))
-    below, above = np.divmod(number, counts[1::2][slab])
-    found = [(first[0::2][slab] + below, first[1::2][slab] + above)]
-    for index in (2 * many).tolist():
-        low, high = (np.arange(counts[side]) + first[side] for side in (index, index + 1))
-        tree = shapely.STRtree(shapely.box(*pieces.boxes[high].T))
-        below, above = tree.query(shapely.box(*pieces.boxes[low].T))
-        found.append((low[below], high[above]))
-    lower, upper = np.concatenate(found, axis=1)
+    owners, numbers = number_within(np.where(tries > FEW_PAIRS, 0, tries))
+    places = np.column_stack(np.divmod(numbers, counts[1::2][owners]))
+    for slab in np.flatnonzero(tries > FEW_PAIRS).tolist():
+        low, high = (
+            shapely.box(*pieces.boxes[start : start + count].T)
+            for start, count in zip(starts[2 * slab :][:2], counts[2 * slab :][:2], strict=True)
+        )
+        found = shapely.STRtree(high).query(low).T
+        owners = np.append(owners, np.full(len(found), slab))
+        places = np.concatenate([places, found])
+    lower, upper = (starts.reshape(-1, 2)[owners] + places).T
     low, high = pieces.boxes[lower], pieces.boxes[upper]
     meet = ((low[:, :2] < high[:, 2:]) & (high[:, :2] < low[:, 2:])).all(axis=1)
-    return _meeting(pieces, lower[meet], upper[meet])
+    meet[meet] = _meet(pieces, lower[meet], upper[meet])
+    return owners[meet], places[meet]
 
 
-def _meeting(
+def _meet(
     pieces: Regions, lower: NDArray[np.int64], upper: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of pieces, of those given, that have an area in common."""
-    middles = pieces.rings.centroids[pieces.first[lower]]
+) -> NDArray[np.bool_]:
+    """Tell whether pairs of pieces have an area in common."""
+    middles = pieces.centroids[lower]
     meet = pieces.hold(lower, middles) & pieces.hold(upper, middles)
     others = np.flatnonzero(~meet)  # whose centroid does not tell
     above = Footprints.as_they_are(pieces.take(upper[others]))
     meet[others] = pieces.take(lower[others]).clipped([above]).areas > 0
-    return lower[meet], upper[meet]
+    return meet
 
 
 def _are_similar(areas: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -301,10 +335,11 @@ def _contour_pairs(slab: Slab, low: int, high: int) -> list[tuple[int, int]]:
     loops += [slab.above.rings.loop(hole) for hole in holes[1]]
     inside = Regions.of_rings([[loop[::-1]] for loop in loops])
     lower, upper = np.indices((count, count)).reshape(2, -1)
-    lower, upper = _meeting(inside, lower, upper + count)
+    meet = _meet(inside, lower, upper + count)
+    lower, upper = lower[meet], upper[meet]
     if len(lower) != count or len(set(lower.tolist())) + len(set(upper.tolist())) != 2 * count:
         return []
-    matched = zip(lower.tolist(), (upper - count).tolist(), strict=True)
+    matched = zip(lower.tolist(), upper.tolist(), strict=True)
     return [shells, *((holes[0][first], holes[1][second]) for first, second in matched)]
 
 
@@ -317,10 +352,7 @@ def _bridge(slab: Slab) -> None:
     begins = [high[0] for low, high in slab.knots if not low]
     if not ends or not begins:
         return
-    distances = cdist(
-        slab.below.rings.centroids[slab.below.pieces.first[ends]],
-        slab.above.rings.centroids[slab.above.pieces.first[begins]],
-    )
+    distances = cdist(slab.below.centroids(ends), slab.above.centroids(begins))
     similar = _are_similar(slab.below.areas[ends][:, None], slab.above.areas[begins])
     for row, column in enumerate(distances.argmin(axis=1)):
         contours = slab.below.contours(ends[row]), slab.above.contours(begins[column])

@@ -66,6 +66,8 @@ class Regions:
     @classmethod
     def joined(cls, parts: Sequence[Regions]) -> Regions:
         """Put regions one behind the other."""
+        if len(parts) == 1:
+            return parts[0]
         points = np.concatenate([part.rings.points for part in parts])
         counts = np.concatenate([part.rings.counts for part in parts])
         numbers = np.concatenate([np.diff(part.first) for part in parts])
@@ -93,6 +95,11 @@ class Regions:
         return np.bincount(self.owners, weights=self.rings.areas, minlength=len(self))
 
     @cached_property
+    def centroids(self) -> NDArray[np.float64]:
+        """Centroid of what the first contour of each region encloses; none may be empty."""
+        return self.rings.centroids[self.first[:-1]]
+
+    @cached_property
     def owners(self) -> NDArray[np.int64]:
         """The region of each contour."""
         return np.repeat(np.arange(len(self)), np.diff(self.first))
@@ -114,6 +121,10 @@ class Regions:
         rings = self.rings.first[self.first[low] : self.first[high] + 1]
         points = self.rings.points[rings[0] : rings[-1]]
         return Regions(Rings(points, rings - rings[0]), self.first[low : high + 1] - self.first[low])
+
+    def merged(self, counts: NDArray[np.int64]) -> Regions:
+        """Return regions of so many of these each, which do not meet."""
+        return Regions(self.rings, self.first[ends_of(counts)])
 
     def apart(self) -> tuple[Regions, NDArray[np.int64]]:
         """Take regions apart into pieces that are connected.
