@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 import shapely
@@ -250,22 +250,21 @@ def _measure_knots(
 ) -> None:
     """Fill in the areas of knots."""
     tied = [(slab, first) for slab, first in zip(slabs, starts, strict=True) if slab.knots]
-    chosen = [
-        [first[side] + piece for slab, first in tied for group in slab.knots for piece in group[side]]
-        for side in (0, 1)
-    ]
-    numbers = [
-        np.array([sum(len(group[side]) for group in slab.knots) for slab, _ in tied], np.int64)
-        for side in (0, 1)
-    ]
-    below, above = (
-        pieces.take(np.array(one, dtype=np.int64)).merged(number)
-        for one, number in zip(chosen, numbers, strict=True)
-    )
-    common = below.clipped([Footprints.as_they_are(above)])
-    areas = zip(below.areas.tolist(), above.areas.tolist(), common.areas.tolist(), strict=True)
-    for (slab, _), knot_areas in zip(tied, areas, strict=True):
-        slab.knot_areas = knot_areas
+    sides = []
+    for side in (0, 1):
+        chosen = [[group[side] for group in slab.knots] for slab, _ in tied]
+        numbers = np.array([sum(map(len, groups)) for groups in chosen], dtype=np.int64)
+        places = np.fromiter(chain.from_iterable(chain.from_iterable(chosen)), dtype=np.int64)
+        first = np.array([first[side] for _, first in tied], dtype=np.int64)
+        members = np.repeat(first, numbers) + places
+        areas = np.bincount(
+            np.repeat(np.arange(len(tied)), numbers), pieces.areas[members], minlength=len(tied)
+        )
+        sides.append((pieces.take(members).merged(numbers), areas.tolist()))
+    (below, low_areas), (above, high_areas) = sides
+    common = below.clipped([Footprints.as_they_are(above)]).areas.tolist()
+    for (slab, _), *areas in zip(tied, low_areas, high_areas, common, strict=True):
+        slab.knot_areas = tuple(areas)
 
 
 def _overlaps(
@@ -309,9 +308,11 @@ def _meet(
     pieces: Regions, lower: NDArray[np.int64], upper: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Tell whether pairs of pieces have an area in common."""
-    middles = pieces.centroids[lower]
+    low, high = pieces.boxes[lower], pieces.boxes[upper]
+    corners = np.maximum(low[:, :2], high[:, :2]), np.minimum(low[:, 2:], high[:, 2:])
+    middles = (corners[0] + corners[1]) / 2
     meet = pieces.hold(lower, middles) & pieces.hold(upper, middles)
-    others = np.flatnonzero(~meet)  # whose centroid does not tell
+    others = np.flatnonzero(~meet)  # for which the middle of what their boxes share does not tell
     above = Footprints.as_they_are(pieces.take(upper[others]))
     meet[others] = pieces.take(lower[others]).clipped([above]).areas > 0
     return meet
