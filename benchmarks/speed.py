@@ -21,8 +21,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import shapely
 import trimesh
-from manifold3d import CrossSection, FillRule
 from moments import fresh, torus
 from node_delay import node_delays
 from peers import Solid, by_manifold, by_open3d, by_voxels
@@ -44,6 +44,7 @@ from momrec_core import (
     surface_moments,
 )
 from momrec_core.layers import Slabs, layers_of_sections
+from momrec_core.regions import Regions
 from momrec_core.simulation import look_at, random_directions
 from momrec_core.tiling import tile
 from momrec_core.view import polygon_rings
@@ -202,12 +203,12 @@ def _tiled(views: Sequence[View], rounds: int) -> Iterator[Row]:
     hull = reconstruct(views, 64)
     scale = UNITS / float(np.ptp(hull.offsets))
     sections = [
-        CrossSection([scale * ring for ring in polygon_rings(section)], FillRule.EvenOdd)
+        [scale * ring for ring in polygon_rings(shapely.orient_polygons(section))]
         for section in hull.sections
     ]
     ends = np.array([1.5, -0.5]) @ hull.offsets[:2], np.array([-0.5, 1.5]) @ hull.offsets[-2:]
     offsets = scale * np.array([ends[0], *hull.offsets, ends[1]])
-    layers = layers_of_sections(offsets, [CrossSection(), *sections, CrossSection()])
+    layers = layers_of_sections(offsets, Regions.of_rings([[], *sections, []]))
     count = np.mean([len(layer.rings.points) for layer in layers if len(layer)])
     (time,) = medians([lambda: tile(Slabs().between(pairwise(layers)))], 3 * rounds)
     yield budget(f"tiling, 64 slices of {count:.0f} vertices", time, 20.0)

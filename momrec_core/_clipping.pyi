@@ -1,5 +1,3 @@
-"""Regions of many planes intersected in C, where nothing is degenerate."""
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,16 +14,7 @@ def clip(
     done: NDArray[np.int64],
     tolerance: float,
     /,
-) -> tuple[bytes, bytes, bytes]:
-    """Clip the region of each plane with outlines, scaled and shifted, one after the other.
-
-    Regions are three arrays: the points of rings, one behind the other, where each ring begins,
-    and the first ring of each region; the latter two also tell where the last one ends. The
-    result is such three arrays. `chosen`, `scales` and `shifts` are given step by step, for all
-    planes. `done` tells how many steps each plane has behind it, before and after; it stops
-    before a step that is doubtful.
-    """
-
+) -> tuple[bytes, bytes, bytes]: ...
 def hold(
     points: NDArray[np.float64],
     rings: NDArray[np.int64],
@@ -34,18 +23,11 @@ def hold(
     held_points: NDArray[np.float64],
     is_held: NDArray[np.bool_],
     /,
-) -> None:
-    """Tell for points whether the region of each, chosen among some, holds it."""
-
+) -> None: ...
 def simplify(
     points: NDArray[np.float64],
     rings: NDArray[np.int64],
     regions: NDArray[np.int64],
     tolerance: float,
     /,
-) -> tuple[bytes, bytes, bytes]:
-    """Leave out vertices that lie within a tolerance of the edge which that makes.
-
-    Takes regions and returns them as `clip` does; rings that are left with fewer than three
-    vertices are left out.
-    """
+) -> tuple[bytes, bytes, bytes]: ...

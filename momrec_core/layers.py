@@ -84,7 +84,7 @@ class Layer:
 
     def centroids(self, pieces: Sequence[int]) -> NDArray[np.float64]:
         """Return the centroids of some pieces' shells."""
-        return self.batch.centroids[self.low + np.array(pieces)]
+        return np.asarray(self.batch.centroids[self.low + np.array(pieces)])
 
     def only(self, pieces: Sequence[int]) -> Layer:
         """Return a layer of some of the pieces."""
@@ -210,8 +210,10 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     is_left[nodes[is_pair]] = False
     side_of, place = number_within(counts)
     for group in _connected(np.flatnonzero(is_left), nodes[~is_pair]):
-        low, high = ([place[node] for node in group if side_of[node] % 2 == side] for side in (0, 1))
-        slabs[side_of[group[0]] // 2].knots.append((low, high))
+        knot: tuple[list[int], list[int]] = ([], [])
+        for node in group:
+            knot[side_of[node] % 2].append(int(place[node]))
+        slabs[side_of[group[0]] // 2].knots.append(knot)
     for slab in slabs:
         _bridge(slab)
     _measure_knots(slabs, pieces, starts.reshape(-1, 2))
@@ -245,26 +247,24 @@ def _connected(nodes: NDArray[np.int64], edges: NDArray[np.int64]) -> list[list[
     return list(groups.values())
 
 
-def _measure_knots(
-    slabs: Sequence[Slab], pieces: Regions, starts: NDArray[np.int64]
-) -> None:
+def _measure_knots(slabs: Sequence[Slab], pieces: Regions, starts: NDArray[np.int64]) -> None:
     """Fill in the areas of knots."""
     tied = [(slab, first) for slab, first in zip(slabs, starts, strict=True) if slab.knots]
-    sides = []
+    sides, areas = [], []
     for side in (0, 1):
-        chosen = [[group[side] for group in slab.knots] for slab, _ in tied]
+        chosen = [
+            [(first[side] + np.array(group[side], dtype=np.int64)) for group in slab.knots]
+            for slab, first in tied
+        ]
         numbers = np.array([sum(map(len, groups)) for groups in chosen], dtype=np.int64)
-        places = np.fromiter(chain.from_iterable(chain.from_iterable(chosen)), dtype=np.int64)
-        first = np.array([first[side] for _, first in tied], dtype=np.int64)
-        members = np.repeat(first, numbers) + places
-        areas = np.bincount(
-            np.repeat(np.arange(len(tied)), numbers), pieces.areas[members], minlength=len(tied)
-        )
-        sides.append((pieces.take(members).merged(numbers), areas.tolist()))
-    (below, low_areas), (above, high_areas) = sides
+        members = np.fromiter(chain.from_iterable(chain.from_iterable(chosen)), dtype=np.int64)
+        owners = np.repeat(np.arange(len(tied)), numbers)
+        areas.append(np.bincount(owners, pieces.areas[members], len(tied)).tolist())
+        sides.append(pieces.take(members).merged(numbers))
+    below, above = sides
     common = below.clipped([Footprints.as_they_are(above)]).areas.tolist()
-    for (slab, _), *areas in zip(tied, low_areas, high_areas, common, strict=True):
-        slab.knot_areas = tuple(areas)
+    for (slab, _), *knot_areas in zip(tied, *areas, common, strict=True):
+        slab.knot_areas = tuple(knot_areas)
 
 
 def _overlaps(
@@ -304,9 +304,7 @@ def _overlaps(
     return owners[meet], places[meet]
 
 
-def _meet(
-    pieces: Regions, lower: NDArray[np.int64], upper: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+def _meet(pieces: Regions, lower: NDArray[np.int64], upper: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Tell whether pairs of pieces have an area in common."""
     low, high = pieces.boxes[lower], pieces.boxes[upper]
     corners = np.maximum(low[:, :2], high[:, :2]), np.minimum(low[:, 2:], high[:, 2:])

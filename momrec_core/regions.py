@@ -92,7 +92,7 @@ class Regions:
     @cached_property
     def areas(self) -> NDArray[np.float64]:
         """Area of each region."""
-        return np.bincount(self.owners, weights=self.rings.areas, minlength=len(self))
+        return np.bincount(self.owners, self.rings.areas, len(self)).astype(np.float64)
 
     @cached_property
     def centroids(self) -> NDArray[np.float64]:
@@ -104,9 +104,7 @@ class Regions:
         """The region of each contour."""
         return np.repeat(np.arange(len(self)), np.diff(self.first))
 
-    def hold(
-        self, chosen: NDArray[np.int64], points: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def hold(self, chosen: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Tell whether regions, chosen among these, hold a point each, shape (chosen, 2)."""
         is_held = np.empty(len(chosen), dtype=bool)
         hold(*self.arrays, chosen, points, is_held)
@@ -120,7 +118,9 @@ class Regions:
         """Return the regions from one to another."""
         rings = self.rings.first[self.first[low] : self.first[high] + 1]
         points = self.rings.points[rings[0] : rings[-1]]
-        return Regions(Rings(points, rings - rings[0]), self.first[low : high + 1] - self.first[low])
+        return Regions(
+            Rings(points, rings - rings[0]), self.first[low : high + 1] - self.first[low]
+        )
 
     def merged(self, counts: NDArray[np.int64]) -> Regions:
         """Return regions of so many of these each, which do not meet."""
@@ -142,9 +142,8 @@ class Regions:
         if len(holes) == 0:
             return Regions(self.rings, np.arange(len(shells) + 1)), ends
         pieces = np.cumsum(is_shell) - 1
-        for hole, low, high in zip(
-            holes, ends[self.owners[holes]], ends[self.owners[holes] + 1], strict=True
-        ):
+        for hole in holes.tolist():
+            low, high = ends[self.owners[hole] :][:2].tolist()
             pieces[hole] = low + self._around(hole, shells[low:high]) if high - low > 1 else low
         order = np.lexsort([~is_shell, pieces])
         vertices, _ = self.rings.around(order)
@@ -155,8 +154,8 @@ class Regions:
         """Return which of several shells is the smallest one around a hole."""
         points = self.rings.loop(hole).T
         polygons = [Polygon(self.rings.loop(shell)) for shell in shells]
-        is_outside = [shapely.contains_xy(polygon, *points).mean() < MOSTLY for polygon in polygons]
-        return int(np.lexsort([self.rings.areas[shells], is_outside])[0])
+        shares = [shapely.contains_xy(polygon, *points).mean() for polygon in polygons]
+        return int(np.lexsort([self.rings.areas[shells], np.array(shares) < MOSTLY])[0])
 
     def polygons(self, unit: float) -> list[MultiPolygon]:
         """Return the regions in other units, ``unit`` of which are one of these."""
@@ -217,9 +216,10 @@ class Regions:
         """
         if not footprints:
             return self
-        numbers = np.cumsum([0, *(len(footprint.outlines) for footprint in footprints)])
+        counts = np.array([len(footprint.outlines) for footprint in footprints])
         outlines = Regions.joined([footprint.outlines for footprint in footprints]).arrays
-        chosen = np.concatenate([it.chosen + low for it, low in zip(footprints, numbers, strict=False)])
+        chosen = np.concatenate([footprint.chosen for footprint in footprints])
+        chosen = chosen + np.repeat(np.cumsum(counts) - counts, len(self))
         scales = np.concatenate([footprint.scales for footprint in footprints])
         shifts = np.concatenate([footprint.shifts for footprint in footprints])
         done = np.zeros(len(self), dtype=np.int64)
@@ -240,10 +240,8 @@ class Regions:
     @property
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
         """Points, and where contours and regions begin, contiguous."""
-        points, contours, first = map(
-            np.ascontiguousarray, (self.rings.points, self.rings.first, self.first)
-        )
-        return points, contours, first
+        points = np.ascontiguousarray(self.rings.points)
+        return points, np.ascontiguousarray(self.rings.first), np.ascontiguousarray(self.first)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,11 +11,9 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
 import manifold3d
 import numpy as np
-from manifold3d import CrossSection
 from numpy.typing import NDArray
 
 from momrec_core.camera import Camera
@@ -440,15 +438,11 @@ class _Raster:
         axes = family.frame[:3, :3].T @ camera.rotation[:, :2]
         heading = axes[2] / np.linalg.norm(axes[2])
         across = axes[:2] @ (-heading[1], heading[0])
-        corners = family.to_planes(
-            camera.position + view.outline.points @ camera.rotation[:, :2].T
-        )
+        corners = family.to_planes(camera.position + view.outline.points @ camera.rotation[:, :2].T)
         starts = np.column_stack([corners[:, :2] @ across, corners[:, 2]])
         return cls(across, starts, starts[view.outline.following])
 
-    def spans(
-        self, offsets: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def spans(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the segments of scan lines, as `scan_spans`, those that touch as one."""
         spans, counts = scan_spans(self.starts, self.ends, offsets)
         lines, _ = number_within(counts)

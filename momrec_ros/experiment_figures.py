@@ -16,7 +16,6 @@ from shapely import MultiPolygon
 
 from momrec_core.errors import NoCommonLineError
 from momrec_core.hull import reconstruct
-from momrec_core.layers import region_of_section
 from momrec_core.slicing import Intersection, PlaneFamily, common_line, viewing_region
 from momrec_ros.drawing import (
     BLUE,
@@ -131,7 +130,7 @@ def _stages(views: Sequence[View], family: PlaneFamily) -> list[_Stage]:
     stages = []
     for count in range(2, len(views) + 1):
         sections = Intersection(views[:count], (0, 1), family).cut(family.offsets)
-        regions = [region_of_section(section, family.unit) for section in sections]
+        regions = sections.polygons(family.unit)
         stages.append(_Stage(tuple(views[:count]), tuple(regions)))
     return stages
 

@@ -7,14 +7,9 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
-from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
-
-import numpy as np
-from manifold3d import CrossSection, FillRule
-from numpy.typing import NDArray
 
 from momrec_core.recognizer import ObjectResult
 from momrec_ros.figures import draw_object
@@ -117,7 +112,6 @@ class FigureDrawer:
             self._first = result, path
             return
         if self._pool is None:
-            ForkingPickler.register(CrossSection, _reduced_section)
             self._pool = self._pool_context.__enter__()
             self._waiting.append(self._pool.submit(draw_object, *self._first))
         while self._waiting and self._waiting[0].done():
@@ -143,11 +137,3 @@ class FigureDrawer:
                     future.result()
         finally:
             self._pool_context.__exit__(kind, error, traceback)
-
-
-def _reduced_section(section: CrossSection) -> tuple[Any, ...]:
-    return _section, (section.to_polygons(),)
-
-
-def _section(rings: list[NDArray[np.float64]]) -> CrossSection:
-    return CrossSection(rings, FillRule.EvenOdd)
