@@ -20,6 +20,7 @@ VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
 DOUBTFUL_MISFIT = 0.05  # bands above are worth the second look
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
 WASTEFUL = 1.3  # times a stepped surface's area: a band above leads nowhere, a slanted one is below
+WORTHWHILE = 0.7  # of a misfit: least area that gains less smooths rough contours, no more
 TIE = 1e-6  # of a misfit: walks that fit better by less do so by rounding
 
 
@@ -259,7 +260,7 @@ def _better(
     others: _Walks,
     other_misfits: NDArray[np.float64],
 ) -> tuple[_Walks, NDArray[np.float64]]:
-    """Return the better of two walks along each pair, the first of equals, and its misfit."""
-    is_better = other_misfits < misfits - TIE
+    """Return the clearly better of two walks along each pair, else the first, and its misfit."""
+    is_better = other_misfits < WORTHWHILE * misfits - TIE
     chosen = np.flatnonzero(is_better)
     return walks.replaced(chosen, others[chosen]), np.where(is_better, other_misfits, misfits)
