@@ -60,7 +60,7 @@ WEIGHED_PLANES = 9  # evenly chosen ones tell the hull's extents well enough
 LEANING_POWER = 2  # of facets, beside the extent: measured, area errors follow it about like that
 FEWEST_TO_TURN = 3  # views: two slice along their common line
 SETTLED = ("_family", "_pair", "_levels", "_prepared", "_is_turned")  # what settling changes
-SETTLED_AT = frozenset(4**power for power in range(1, 16))  # views: seldom, as it costs like all
+SETTLED_AT = frozenset(4**power for power in range(2, 16))  # views: seldom, as it costs like all
 MAX_SPARE = 8  # silhouettes to spare: each costs as much as the hull itself
 
 

@@ -214,18 +214,20 @@ class Regions:
         ----------
         K. Weiler and P. Atherton, Hidden surface removal using polygon area sorting, 1977.
         """
-        if not footprints:
+        if not footprints or len(self) == 0:
             return self
         counts = np.array([len(footprint.outlines) for footprint in footprints])
         outlines = Regions.joined([footprint.outlines for footprint in footprints]).arrays
         chosen = np.concatenate([footprint.chosen for footprint in footprints])
-        chosen = chosen + np.repeat(np.cumsum(counts) - counts, len(self))
-        scales = np.concatenate([footprint.scales for footprint in footprints])
-        shifts = np.concatenate([footprint.shifts for footprint in footprints])
+        steps = (
+            chosen + np.repeat(np.cumsum(counts) - counts, len(self)),
+            np.concatenate([footprint.scales for footprint in footprints]),
+            np.concatenate([footprint.shifts for footprint in footprints]),
+        )
         done = np.zeros(len(self), dtype=np.int64)
         regions = self
         while True:
-            arrays = clip(*regions.arrays, *outlines, chosen, scales, shifts, done, CLEARANCE)
+            arrays = clip(*regions.arrays, *outlines, *steps, done, CLEARANCE)
             regions = _regions(*arrays)
             doubtful = np.flatnonzero(done < len(footprints))
             if len(doubtful) == 0:
