@@ -7,12 +7,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
-import numpy as np
-import shapely
-from works import MaskedWork
+from works import MaskedWork, PinholeMask, pinhole_masks
 
 from momrec_core import View
 from momrec_ros.bag_writer import BagWriter
@@ -21,16 +21,17 @@ from momrec_ros.shared_data import shared_path
 
 __all__ = ["ReplayCost", "replay_costs"]
 
-SHORT_OBJECTS = 40
+OBJECTS = 40  # of a short bag
 LONG_BYTES = 1_000_000_000
-LONG_VERTICES = 5_000  # of a contour as it comes from a mask, not simplified: 120 kB a view
 STEP = 100_000_000  # nanoseconds between views
+PAUSE = 10_000_000_000  # nanoseconds between objects of masks, which have no names
+TIMEOUT = 5.0  # seconds without a view after which an object is ended
 MEGABYTE = 1e6
 
 
 @dataclass(frozen=True)
 class ReplayCost:
-    """Of one replay, start of the process not counted in time.
+    """Of one replay, start of the process and the first object not counted in time.
 
     Attributes
     ----------
@@ -47,31 +48,45 @@ class ReplayCost:
     memory: float
 
 
-def replay_costs(work: MaskedWork) -> tuple[ReplayCost, ReplayCost]:
-    """Replay a short bag of the work's views and one of a gigabyte, of the same at high detail."""
+def replay_costs(work: MaskedWork) -> tuple[ReplayCost, ReplayCost, ReplayCost]:
+    """Replay the work's contours, masks of its object, and a gigabyte of such masks."""
     with tempfile.TemporaryDirectory() as folder:
-        short, long, one = (Path(folder) / name for name in ("short", "long", "one"))
-        dense = [View(view.camera, _dense(view.silhouette)) for view in work.views]
-        size = 24 * LONG_VERTICES * len(dense)
-        objects = {one: 1, short: SHORT_OBJECTS, long: LONG_BYTES // size + 1}
-        _write(one, work.views, objects[one])
-        _write(short, work.views, objects[short])
-        _write(long, dense, objects[long])
+        one, contours, few, many = (
+            Path(folder) / name for name in ("one", "contours", "few", "many")
+        )
+        masks = pinhole_masks(len(work.views))
+        objects = {
+            contours: OBJECTS,
+            few: OBJECTS,
+            many: LONG_BYTES // sum(mask.size for _, mask in masks) + 1,
+        }
+        _write_contours(one, work.views, 1)
+        _write_contours(contours, work.views, OBJECTS)
+        for path in (few, many):
+            _write_masks(path, masks, objects[path])
         start, _ = _replay(one)
-        costs = [_cost(path, objects[path] * len(dense), start) for path in (short, long)]
-        return costs[0], costs[1]
+        views = {path: (number - 1) * len(masks) for path, number in objects.items()}
+        return (
+            _cost(contours, views[contours], start),
+            _cost(few, views[few], start),
+            _cost(many, views[many], start),
+        )
 
 
-def _dense(region: shapely.MultiPolygon) -> shapely.MultiPolygon:
-    return shapely.segmentize(region, region.length / LONG_VERTICES)
-
-
-def _write(path: Path, views: list[View], objects: int) -> None:
-    stamps = iter(np.arange(1, 1 + objects * len(views)) * STEP)
+def _write_contours(path: Path, views: list[View], objects: int) -> None:
+    stamps = count(STEP, STEP)
     with BagWriter(path) as writer:
         for number in range(objects):
             for view in views:
-                writer.write_view(StampedView(f"object {number}", int(next(stamps)), "world", view))
+                writer.write_view(StampedView(f"object {number}", next(stamps), "world", view))
+
+
+def _write_masks(path: Path, masks: Sequence[PinholeMask], objects: int) -> None:
+    stamps = count(STEP, STEP)
+    with BagWriter(path) as writer:
+        for number in range(objects):
+            for camera, mask in masks:
+                writer.write_mask(mask, camera, next(stamps) + number * PAUSE, "world")
 
 
 def _cost(path: Path, views: int, start: float) -> ReplayCost:
@@ -84,7 +99,7 @@ def _replay(path: Path) -> tuple[float, float]:
     """Return the seconds and the most resident memory of `momrec replay`."""
     momrec = Path(sys.executable).with_name("momrec")
     command = [momrec, "replay", path, "--model", shared_path("models/ten_objects.json")]
-    command += ["--max-objects", "4"]
+    command += ["--max-objects", "4", "--object-timeout", str(TIMEOUT)]
     begin = time.perf_counter()
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         _, status, usage = os.wait4(process.pid, 0)

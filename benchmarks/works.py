@@ -16,10 +16,22 @@ from momrec_ros.files import read_mesh
 from momrec_ros.masks import contours_of_mask
 from momrec_ros.shared_data import shared_path
 
-__all__ = ["IMAGE", "MaskedWork", "blob", "blob_work", "fine_mesh", "polyhedra_works"]
+__all__ = [
+    "IMAGE",
+    "MaskedWork",
+    "PinholeMask",
+    "blob",
+    "blob_work",
+    "fine_mesh",
+    "pinhole_masks",
+    "polyhedra_works",
+]
+
+PinholeMask = tuple[Camera, NDArray[np.bool_]]
 
 IMAGE = (640, 480)  # width, height
 FILLED = 0.7  # of the image's height, the object's diameter: contours of about 200 vertices
+AWAY = 3.0  # object sizes: where pinholes stand
 BOX = 1.1  # of the object's longest side: the voxels' cube
 GRID = 96  # fine enough that facets are far below a pixel
 FINE_GRID = 153  # for 50,000 triangles
@@ -96,7 +108,7 @@ def blob_work(count: int, tolerance: float = 0.5) -> MaskedWork:
     views, masks = [], []
     for direction in random_directions(count, rng):
         camera = Camera.orthographic(look_at((low + high) / 2, direction, size, rng.uniform(0, 6)))
-        mask = rasterised(silhouette_of_mesh(mesh, camera), pixel)
+        mask = rasterised(silhouette_of_mesh(mesh, camera).silhouette, pixel)
         region = contours_of_mask(mask, tolerance=tolerance).region
         in_metres = shapely.transform(region, lambda points: (points - _middle()) * pixel)
         masks.append(mask)
@@ -105,12 +117,30 @@ def blob_work(count: int, tolerance: float = 0.5) -> MaskedWork:
     return MaskedWork(views, masks, pixel, (low + high - side) / 2, side)
 
 
-def rasterised(view: View, pixel: float) -> NDArray[np.bool_]:
-    """Return the mask of a silhouette: the pixels whose centres it holds."""
+def pinhole_masks(count: int) -> list[PinholeMask]:
+    """Look at the blob from well spread directions, with pinholes."""
+    mesh = blob()
+    low, high = mesh.bounds
+    size = float(np.linalg.norm(high - low))
+    focal = AWAY * FILLED * IMAGE[1]
+    intrinsics = np.array([[focal, 0, _middle()[0]], [0, focal, _middle()[1]], [0, 0, 1]])
+    cameras = [
+        Camera.pinhole(look_at((low + high) / 2, direction, AWAY * size, 0.0), intrinsics)
+        for direction in random_directions(count, np.random.default_rng(count))
+    ]
+    views = [silhouette_of_mesh(mesh, camera) for camera in cameras]
+    in_pixels = [shapely.transform(v.silhouette, lambda points: points - _middle()) for v in views]
+    return [
+        (camera, rasterised(region, 1.0)) for camera, region in zip(cameras, in_pixels, strict=True)
+    ]
+
+
+def rasterised(region: shapely.MultiPolygon, pixel: float) -> NDArray[np.bool_]:
+    """Return the mask of a region about the image's middle: the pixels whose centres it holds."""
     columns, rows = np.meshgrid(*map(np.arange, IMAGE))
     x, y = ((np.stack([columns, rows], axis=-1) - _middle()) * pixel).reshape(-1, 2).T
-    shapely.prepare(view.silhouette)
-    inside: NDArray[np.bool_] = shapely.contains_xy(view.silhouette, x, y)
+    shapely.prepare(region)
+    inside: NDArray[np.bool_] = shapely.contains_xy(region, x, y)
     return inside.reshape(IMAGE[::-1])
 
 
