@@ -1,6 +1,7 @@
 """Other ways from silhouettes to a solid, as their documentation tells to do it.
 
-Each takes the work's views or masks and returns what it has: a surface's volume and area.
+Each takes the work's views or masks and returns what it makes of them; `measured` looks at that,
+which takes no part in the comparison.
 """
 
 from __future__ import annotations
@@ -11,17 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 import open3d
 import trimesh
+from manifold3d import Mesh64
 from reference import exact_hull
 from skimage.measure import marching_cubes
 from works import IMAGE, MaskedWork
 
 from momrec_core import View
 
-__all__ = ["Solid", "by_manifold", "by_open3d", "by_voxels"]
+__all__ = ["Made", "Solid", "by_manifold", "by_open3d", "by_voxels", "measured"]
 
 CELLS = 128  # voxels along the longest side of the box
 FAR = 1000.0  # object sizes: where a pinhole stands for parallel projection
 REACH = 10.0  # metres that exact viewing volumes extend to either side
+Made = trimesh.Trimesh | Mesh64 | open3d.geometry.VoxelGrid
 
 
 @dataclass(frozen=True)
@@ -32,38 +35,46 @@ class Solid:
     area: float
 
 
-def by_manifold(views: Sequence[View]) -> Solid:
+def measured(made: Made) -> Solid:
+    """Measure what was made."""
+    if isinstance(made, open3d.geometry.VoxelGrid):
+        return Solid(len(made.get_voxels()) * made.voxel_size**3, float("nan"))
+    if isinstance(made, Mesh64):
+        made = trimesh.Trimesh(made.vert_properties[:, :3], made.tri_verts, process=False)
+    return Solid(abs(float(made.volume)), float(made.area))
+
+
+def by_manifold(views: Sequence[View]) -> Mesh64:
     """Intersect extruded silhouettes exactly."""
-    hull = exact_hull(views, REACH)
-    return Solid(hull.volume(), hull.surface_area())
+    return exact_hull(views, REACH).to_mesh64()
 
 
-def by_voxels(work: MaskedWork) -> Solid:
-    """Look every voxel's centre up in every mask; marching cubes of what is left."""
+def by_voxels(work: MaskedWork) -> trimesh.Trimesh:
+    """Look every voxel's centre up in the masks until one rejects it; marching cubes of the rest.
+
+    What is outside of an image counts as its border, which is background.
+    """
     step = work.size / CELLS
-    axis = (np.arange(CELLS) + 0.5) * step
-    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    points = (grid + work.low).astype(np.float32)
-    inside = np.ones(len(points), dtype=bool)
-    middle = (np.array(IMAGE, np.float32) - 1) / 2
+    axes = [(low + (np.arange(CELLS) + 0.5) * step).astype(np.float32) for low in work.low]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    left = np.arange(len(points))
+    middle = (np.array(IMAGE) - 1) / 2
+    last = np.array(IMAGE) - 1
     for view, mask in zip(work.views, work.masks, strict=True):
-        camera = view.camera
-        axes = camera.rotation[:, :2].astype(np.float32)
-        offset = (camera.position @ camera.rotation[:, :2]).astype(np.float32)
-        left = np.flatnonzero(inside)
-        image = (points[left] @ axes - offset) / np.float32(work.pixel) + middle
-        columns, rows = np.rint(image).astype(np.int32).T
-        shown = (columns >= 0) & (columns < IMAGE[0]) & (rows >= 0) & (rows < IMAGE[1])
-        seen = np.zeros(len(left), dtype=bool)
-        seen[shown] = mask[rows[shown], columns[shown]]
-        inside[left] = seen
-    cells = np.pad(inside.reshape(CELLS, CELLS, CELLS), 1).astype(np.float32)
-    vertices, faces, _, _ = marching_cubes(cells, 0.5, spacing=(step, step, step))
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    return Solid(abs(float(mesh.volume)), float(mesh.area))
+        in_pixels = view.camera.rotation[:, :2] / work.pixel
+        offset = middle - view.camera.position @ in_pixels
+        image = points @ in_pixels.astype(np.float32) + offset.astype(np.float32)
+        columns, rows = np.clip(np.rint(image).astype(np.int32), 0, last).T
+        seen = mask[rows, columns]
+        points, left = points[seen], left[seen]
+    cells = np.zeros(CELLS**3, np.float32)
+    cells[left] = 1.0
+    padded = np.pad(cells.reshape(CELLS, CELLS, CELLS), 1)
+    vertices, faces, _, _ = marching_cubes(padded, 0.5, spacing=(step, step, step))
+    return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def by_open3d(work: MaskedWork) -> Solid:
+def by_open3d(work: MaskedWork) -> open3d.geometry.VoxelGrid:
     """Carve a dense voxel grid by every mask."""
     step = work.size / CELLS
     grid = open3d.geometry.VoxelGrid.create_dense(work.low, (1.0, 1.0, 1.0), step, *3 * [work.size])
@@ -81,4 +92,4 @@ def by_open3d(work: MaskedWork) -> Solid:
         parameters.extrinsic = np.linalg.inv(pose)
         image = open3d.geometry.Image(mask.astype(np.float32))
         grid.carve_silhouette(image, parameters, keep_voxels_outside_image=False)
-    return Solid(len(grid.get_voxels()) * step**3, float("nan"))
+    return grid

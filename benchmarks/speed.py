@@ -25,7 +25,7 @@ import shapely
 import trimesh
 from moments import fresh, torus
 from node_delay import node_delays
-from peers import Solid, by_manifold, by_open3d, by_voxels
+from peers import Made, Solid, by_manifold, by_open3d, by_voxels, measured
 from replayed import replay_costs
 from rich.console import Console
 from rich.table import Table
@@ -40,11 +40,11 @@ from momrec_core import (
     load_model,
     normalize,
     reconstruct,
-    silhouette_of_mesh,
     surface_moments,
 )
 from momrec_core.layers import Slabs, layers_of_sections
 from momrec_core.regions import Regions
+from momrec_core.silhouette import silhouettes_of_mesh
 from momrec_core.simulation import look_at, random_directions
 from momrec_core.tiling import tile
 from momrec_core.view import polygon_rings
@@ -89,7 +89,7 @@ def hull_rows(rounds: int, times: dict[str, dict[str, float]]) -> Iterator[Row]:
     """Compare contours to closed mesh with the peers; `times` takes each work's, for a picture."""
     for name, work, slices in (("A", blob_work(10), 64), ("B", blob_work(36), 128)):
         ways = _ways(work, slices, carves=name == "A")
-        solids = {way: do() for way, do in ways.items()}
+        solids = {way: measured(do()) for way, do in ways.items()}
         times[name] = interleaved(ways, rounds)
         described = f"{len(work.views)} views, {slices} slices, {work.vertices:.0f} vertices"
         yield from _compared(name, described, times[name], solids)
@@ -99,9 +99,9 @@ def hull_rows(rounds: int, times: dict[str, dict[str, float]]) -> Iterator[Row]:
     yield from _compared("C", "ten polyhedra, 10 views, 64 slices", times["C"], {})
 
 
-def _ways(work: MaskedWork, slices: int, *, carves: bool) -> dict[str, Callable[[], Solid]]:
-    ways: dict[str, Callable[[], Solid]] = {
-        OURS: lambda: by_momrec(work.views, slices),
+def _ways(work: MaskedWork, slices: int, *, carves: bool) -> dict[str, Callable[[], Made]]:
+    ways: dict[str, Callable[[], Made]] = {
+        OURS: lambda: reconstruct(work.views, slices).mesh(),
         EXACT: lambda: by_manifold(work.views),
     }
     if carves:
@@ -110,14 +110,8 @@ def _ways(work: MaskedWork, slices: int, *, carves: bool) -> dict[str, Callable[
     return ways
 
 
-def by_momrec(views: Sequence[View], slices: int) -> Solid:
-    """Return what momrec makes of views."""
-    mesh = reconstruct(views, slices).mesh()
-    return Solid(float(mesh.volume), float(mesh.area))
-
-
-def _each(works: Sequence[Sequence[View]], slices: int) -> list[Solid]:
-    return [by_momrec(views, slices) for views in works]
+def _each(works: Sequence[Sequence[View]], slices: int) -> list[trimesh.Trimesh]:
+    return [reconstruct(views, slices).mesh() for views in works]
 
 
 def _compared(
@@ -169,7 +163,7 @@ def part_rows(rounds: int) -> Iterator[Row]:
             lambda: surface_moments(fresh(large)),
             lambda: fresh(large).mass_properties,
             lambda: model.recognize(normalize(fresh(small))),
-            lambda: [silhouette_of_mesh(fine, camera) for camera in cameras],
+            lambda: list(silhouettes_of_mesh(fine, cameras)),
         ],
         5 * rounds,
     )
@@ -271,7 +265,7 @@ def main() -> int:
     parser.add_argument("--only", default=",".join(SECTIONS), help="of " + ", ".join(SECTIONS))
     options = parser.parse_args()
     times: dict[str, dict[str, float]] = {}
-    measured: dict[str, Callable[[], Iterator[Row]]] = {
+    sections: dict[str, Callable[[], Iterator[Row]]] = {
         "hull": lambda: hull_rows(options.rounds, times),
         "parts": lambda: part_rows(options.rounds),
         "node": node_rows,
@@ -280,7 +274,7 @@ def main() -> int:
     }
     rows = []
     for name in options.only.split(","):
-        for row in measured[name]():
+        for row in sections[name]():
             print(f"{row.figure}: {row.measured}", file=sys.stderr)
             rows.append(row)
     Console().print(_table(rows))
