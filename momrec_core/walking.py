@@ -20,7 +20,7 @@ VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
 DOUBTFUL_MISFIT = 0.05  # bands above are worth the second look
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
 WASTEFUL = 1.3  # times a stepped surface's area: a band above leads nowhere, a slanted one is below
-WORTHWHILE = 0.7  # of a misfit: least area that gains less smooths rough contours, no more
+WORTHWHILE = 0.8  # of a misfit: least area that gains less smooths rough contours, no more
 TIE = 1e-6  # of a misfit: walks that fit better by less do so by rounding
 
 
