@@ -105,7 +105,8 @@ def join_knots(
     rest = chains[~is_wall]
     alone = np.flatnonzero(partners[~is_wall] < 0)
     is_inside = np.zeros(len(rest.knots), dtype=bool)
-    is_inside[alone] = _inside(points, knots, rest[alone])
+    runs = _runs(points, knots, rest[alone])
+    is_inside[alone] = _inside(points, knots, rest[alone[runs.longest]])[runs.numbers]
     borders = rest.turned(is_inside)
     faces_up = rest.is_above == is_inside
     failed = np.unique(
@@ -259,6 +260,36 @@ def _walls(
     return np.concatenate(
         [np.column_stack([below, apexes]), np.column_stack([bases, above[:, ::-1]])]
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """Chains one after the other, none of which meets a contour of the other layer in between.
+
+    Attributes
+    ----------
+    numbers : array of int, shape (chains,)
+        The run of each chain.
+    longest : array of int, shape (runs,)
+        The longest chain of each run.
+    """
+
+    numbers: NDArray[np.int64]
+    longest: NDArray[np.int64]
+
+
+def _runs(points: NDArray[np.float64], knots: Knots, chains: _Chains) -> _Runs:
+    starts, stops = chains.first_edges[:, 0], chains.last_edges[:, 1]
+    is_linked = np.zeros(len(points), dtype=bool)
+    is_linked[knots.links] = True
+    is_new = np.ones(len(starts), dtype=bool)
+    contours = np.searchsorted(knots.first, chains.begin, side="right")
+    follows = (chains.begin[1:] == chains.end[:-1]) & (contours[1:] == contours[:-1])
+    is_new[1:] = is_linked[starts[1:]] | ~follows
+    numbers = np.cumsum(is_new) - 1
+    squares = ((points[stops] - points[starts]) ** 2).sum(axis=1)
+    order = np.lexsort([squares, numbers])
+    return _Runs(numbers, order[np.flatnonzero(np.diff(numbers, append=-1))])
 
 
 def _inside(points: NDArray[np.float64], knots: Knots, chains: _Chains) -> NDArray[np.bool_]:

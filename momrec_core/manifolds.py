@@ -15,7 +15,7 @@ ODD_RANKS = (0 * 9 + 2 * 3 + 1, 1 * 9 + 0 * 3 + 2, 2 * 9 + 1 * 3 + 0)  # odd per
 
 
 def double_shared_edges(
-    points: NDArray[np.float64], triangles: NDArray[np.int64]
+    points: NDArray[np.float64], triangles: NDArray[np.int64], sound: int = 0
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Make a closed surface edge-manifold where it touches itself along an edge.
 
@@ -28,6 +28,8 @@ def double_shared_edges(
     points : array, shape (n, 3)
     triangles : array of int, shape (m, 3)
         A closed, oriented surface: every edge is used as often in one direction as in the other.
+    sound : int, default 0
+        How many of them, the first, share no edge with more than one other of these first.
 
     Returns
     -------
@@ -36,7 +38,7 @@ def double_shared_edges(
     triangles : array of int, shape (m', 3)
         Every edge is shared by exactly two of them.
     """
-    is_suspect = _shares_edges(len(points), triangles)
+    is_suspect = _shares_edges(len(points), triangles, sound)
     if not is_suspect.any():
         return points, triangles
     whole, suspects = triangles[~is_suspect], _without_flaps(triangles[is_suspect])
@@ -67,19 +69,22 @@ def double_shared_edges(
     )
 
 
-def _shares_edges(count: int, triangles: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _shares_edges(count: int, triangles: NDArray[np.int64], sound: int) -> NDArray[np.bool_]:
     """Tell which triangles of a closed surface have an edge that is used twice in a direction."""
-    heads, tails = triangles.ravel(), triangles[:, [1, 2, 0]].ravel()
-    edges = np.sort(heads * count + tails)
-    repeated = edges[1:][edges[1:] == edges[:-1]]
-    first, second = np.divmod(repeated, count)
-    is_end = np.zeros(count, dtype=bool)
-    is_end[first] = is_end[second] = True
-    sides = np.flatnonzero(is_end[heads] & is_end[tails])
-    either_way = np.concatenate([repeated, second * count + first])
-    is_shared = np.zeros(triangles.size, dtype=bool)
-    is_shared[sides] = np.isin(heads[sides] * count + tails[sides], either_way)
-    return np.asarray(is_shared.reshape(-1, 3).any(axis=1))
+    is_met = np.zeros(count, dtype=bool)
+    is_met[triangles[sound:]] = True
+    first, second, third = is_met[triangles[:sound]].T
+    meeting = np.flatnonzero((first & (second | third)) | (second & third))
+    candidates = np.concatenate([meeting, np.arange(sound, len(triangles))])
+    heads, tails = triangles[candidates].ravel(), triangles[candidates][:, [1, 2, 0]].ravel()
+    edges = heads * count + tails
+    ordered = np.sort(edges)
+    repeated = ordered[1:][ordered[1:] == ordered[:-1]]
+    tail, head = np.divmod(repeated, count)
+    is_shared = np.isin(edges, np.concatenate([repeated, head * count + tail]))
+    is_suspect = np.zeros(len(triangles), dtype=bool)
+    is_suspect[candidates] = is_shared.reshape(-1, 3).any(axis=1)
+    return is_suspect
 
 
 def _split_vertices(
@@ -137,6 +142,8 @@ def _compact(
     """Leave out the points that no triangle uses."""
     is_used = np.zeros(len(points), dtype=bool)
     is_used[triangles] = True
+    if is_used.all():
+        return points, triangles
     numbers = np.cumsum(is_used) - 1
     return points[is_used], numbers[triangles]
 

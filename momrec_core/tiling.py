@@ -47,10 +47,11 @@ def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]
     links = contours.insert_contacts(joins)
     contours.settle()
     joined, failed = join_knots(contours.points, contours.knots(joins, links))
-    triangles = [_divided(contours, bands, edges), joined]
+    banded = _divided(contours, bands, edges)
+    triangles = [banded, joined]
     alone = (group for group in groups if not (group.below and group.above))
     triangles.extend(_caps(contours, [*alone, *(joins[index] for index in failed)]))
-    return double_shared_edges(contours.points, np.concatenate(triangles))
+    return double_shared_edges(contours.points, np.concatenate(triangles), sound=len(banded))
 
 
 @dataclass(frozen=True)
