@@ -526,7 +526,10 @@ def _prism(view: View, family: PlaneFamily) -> ViewingVolume:
 def _one_region(points: NDArray[np.float64], view: View) -> Regions:
     """Make a region of a view's outline, given where its vertices are in the plane."""
     first = view.outline.first
-    return Regions.facing_left(Rings(points, first), np.array([0, len(first) - 1]))
+    (x, y), (next_x, next_y) = points.T, points[view.outline.following].T
+    if (x * next_y - y * next_x).sum() < 0:  # seen from behind: the inside is on the right
+        points, first = points[::-1], len(points) - first[::-1]
+    return Regions(Rings(points, first), np.array([0, len(first) - 1]))
 
 
 def _cone(view: View, family: PlaneFamily) -> ViewingVolume:
