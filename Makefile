@@ -6,7 +6,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-BUILT_FROM := setup.py pyproject.toml momrec_core/_bands.c
+BUILT_FROM := setup.py pyproject.toml $(wildcard momrec_core/*.c momrec_core/*.h)
 
 .PHONY: demo test lint colcon bench clean
 
@@ -31,8 +31,8 @@ colcon: $(VENV)/development
 
 # Open3D wants libusb-1.0, libGL and libX11 of the system.
 bench: colcon $(VENV)/peers
-	. $(BIN)/activate && . install/setup.sh && python benchmarks/speed.py --output benchmarks
 	$(BIN)/python benchmarks/growth.py --figure benchmarks/growth.png
+	. $(BIN)/activate && . install/setup.sh && python benchmarks/speed.py --output benchmarks
 
 clean:
 	rm -rf $(VENV) demo build install log

@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from momrec_core._covering import rims
 from momrec_core.errors import DegenerateShapeError
-from momrec_core.moments import gathered_corners, normals_of
 from momrec_core.rings import number_within
 from momrec_core.scanning import outline_edges
 from momrec_core.silhouette import silhouette_of_mesh
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["Coverage", "coverage", "covered_shares"]
 
 SCAN_LINES = 32  # of each silhouette: its covered share is known to about a thousandth
-LEAST_DEPTH = 1e-9  # of the largest: what is beside or behind a pinhole counts as far off
 
 
 @dataclass(frozen=True)
@@ -114,131 +113,68 @@ def covered_shares(views: Sequence[View], mesh: trimesh.Trimesh) -> NDArray[np.f
     """
     if not views:
         return np.empty(0)
-    surface = _Surface.of(mesh)
-    seen = [_edges_in_image(view, surface) for view in views]
-    owners = np.repeat(np.arange(len(views)), [edges.shape[1] for edges in seen])
-    edges = np.concatenate(seen, axis=1)
-    crossed, rows, places, ways = _crossings(edges[:2], edges[2:4])
+    to_scans = np.array([_to_scan(view.visible) for view in views])
+    rim = _rim_crossings(views, mesh, to_scans)
+    outline = _outline_crossings(views, to_scans)
+    lines, places = np.hstack([rim[:2], outline])
+    turns = np.concatenate([rim[2], np.zeros(outline.shape[1])])
     places = np.clip(places, 0.0, 1.0)  # beyond a silhouette's bounds nothing counts
-    order = np.argsort(owners[crossed] * SCAN_LINES + rows + places / 2.0)
-    crossed, is_rim = crossed[order], edges[4, crossed[order]] != 0
+    order = np.argsort(lines + places / 2.0)
+    is_outline = order >= rim.shape[1]
     lengths = np.diff(places[order], append=0.0)
-    lengths[np.cumsum(~is_rim) % 2 == 0] = 0.0
-    layers = np.cumsum(np.where(is_rim, ways[order], 0))
+    lengths[np.cumsum(is_outline) % 2 == 0] = 0.0
+    is_covered = np.cumsum(turns[order]) != 0
+    owners = lines[order].astype(np.int64) // SCAN_LINES
     covered, whole = (
-        np.bincount(owners[crossed], weights, len(views))
-        for weights in (np.where(layers != 0, lengths, 0.0), lengths)
+        np.bincount(owners, weights, len(views)) for weights in (lengths * is_covered, lengths)
     )
     return np.asarray(covered / np.maximum(whole, np.finfo(np.float64).tiny))
 
 
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """A closed mesh.
+def _to_scan(region: MultiPolygon) -> NDArray[np.float64]:
+    """Return a scaling and shift (3, 3) of an image.
 
-    Attributes
-    ----------
-    points : array, shape (4, n)
-        Its vertices, homogeneous.
-    planes : array, shape (4, m)
-        Of its faces: their products with points are positive on the outer side.
-    tails, heads : array of int, shape (e,)
-        The vertices of each edge, as one of its two faces runs through it.
-    first, second : array of int, shape (e,)
-        Its faces, that one first.
+    The region reaches from 0 to 1 along its scan lines, and these are at 0, 1, 2 and so on.
     """
-
-    points: NDArray[np.float64]
-    planes: NDArray[np.float64]
-    tails: NDArray[np.int64]
-    heads: NDArray[np.int64]
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, mesh: trimesh.Trimesh) -> _Surface:
-        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-        corners = gathered_corners(vertices, faces)
-        normals = normals_of(corners)
-        heights = (normals * corners[:, 0]).sum(axis=0)
-        return cls(
-            np.vstack([vertices.T, np.ones(len(vertices))]),
-            np.vstack([normals, -heights]),
-            *_shared_edges(faces),
-        )
-
-    def turned_to(self, camera: Camera) -> NDArray[np.bool_]:
-        """Return which faces turn towards a camera, shape (m,)."""
-        eye = [*camera.position, 1.0] if camera.is_pinhole else [*-camera.rotation[:, 2], 0.0]
-        return np.asarray(np.array(eye) @ self.planes > 0)
+    left, low, right, high = region.bounds
+    across, up = right - left, (high - low) / SCAN_LINES
+    return np.array([[1 / across, 0, -left / across], [0, 1 / up, -low / up - 0.5], [0, 0, 1]])
 
 
-def _edges_in_image(view: View, surface: _Surface) -> NDArray[np.float64]:
-    """Return the edges of a silhouette's outline, and those that bound a surface's projection.
+def _rim_crossings(
+    views: Sequence[View], mesh: trimesh.Trimesh, to_scans: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return where a surface's projections begin and end: lines, places, turns; shape (3, n).
 
-    Shape (5, e): where they start and end, and 1 for the surface's rims, 0 for the outline. The
-    silhouette reaches from 0 to 1 along the scan lines, and these are at 0, 1, 2 and so on. Rims
-    run between a face that turns towards the camera and one that turns away, and as the former
-    does; most edges of a fine mesh cross no line, and are left out.
+    The lines of all images are counted together.
     """
-    left, low, right, high = view.visible.bounds
-    scale = np.array([[1.0 / (right - left)], [SCAN_LINES / (high - low)]])
-    shift = np.array([[-left], [-low]]) * scale - [[0.0], [0.5]]
-    image = _image(view.camera, surface.points) * scale + shift
-    rows = _rows_above(image[1])
-    across = np.flatnonzero(rows.take(surface.tails) != rows.take(surface.heads))
-    front = surface.turned_to(view.camera)
-    runs, comes_back = front[surface.first[across]], front[surface.second[across]]
-    is_rim = runs != comes_back
-    rims, runs = across[is_rim], runs[is_rim]
-    ends = image[:, surface.tails[rims]], image[:, surface.heads[rims]]
-    outline = outline_edges(view.visible)
-    return np.hstack(
-        [
-            np.vstack(
-                [*(points.T * scale + shift for points in outline), np.zeros(len(outline[0]))]
-            ),
-            np.vstack([np.where(runs, *ends), np.where(runs, *ends[::-1]), np.ones(len(rims))]),
-        ]
-    )
+    projections = to_scans @ np.array([view.camera.matrix for view in views])
+    eyes = np.array([_eye(view.camera) for view in views])
+    vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
+    faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
+    try:
+        found = rims(vertices, faces, projections.reshape(-1, 12), eyes, SCAN_LINES)
+    except ValueError as error:
+        raise DegenerateShapeError(f"{error}, got {len(faces)} faces with other edges") from error
+    images, rows, places, turns = np.frombuffer(found).reshape(-1, 4).T
+    return np.stack([images * SCAN_LINES + rows, places, turns])
 
 
-def _shared_edges(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
-    """Return tails, heads, first and second faces of all edges, see `_Surface`."""
-    tails, heads = np.ravel(faces), np.take(faces, [1, 2, 0], axis=1).ravel()
-    keys = np.minimum(tails, heads) * (int(faces.max(initial=0)) + 1) + np.maximum(tails, heads)
-    order = np.argsort(keys)
-    keys = keys[order]
-    if len(keys) % 2 or (keys[::2] != keys[1::2]).any():
-        raise DegenerateShapeError(
-            f"Expected a closed mesh whose edges have two faces each, got {len(faces)} faces with "
-            "other edges"
-        )
-    owners = np.repeat(np.arange(len(faces)), 3)
-    return tails[order[::2]], heads[order[::2]], owners[order[::2]], owners[order[1::2]]
+def _eye(camera: Camera) -> list[float]:
+    """Return where a camera looks from, homogeneous: a point, or against its viewing direction."""
+    if camera.is_pinhole:
+        return [*camera.position, 1.0]
+    return [*-camera.rotation[:, 2], 0.0]
 
 
-def _image(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Project homogeneous points (4, n); return image coordinates (2, n)."""
-    seen = camera.matrix @ points
-    if not camera.is_pinhole:
-        return seen[:2]
-    depths = np.maximum(seen[2], LEAST_DEPTH * np.abs(seen[2]).max(initial=0.0))
-    return np.asarray(seen[:2] / depths)
-
-
-def _rows_above(ordinates: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Return the first scan line at or above each ordinate."""
-    return np.asarray(np.clip(np.ceil(ordinates), 0, SCAN_LINES).astype(np.uint8))
-
-
-def _crossings(
-    starts: NDArray[np.float64], ends: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return where edges (2, n) cross scan lines: edge, line, place along it, and which way."""
-    first, last = (_rows_above(points[1]).astype(np.int64) for points in (starts, ends))
-    edges, numbers = number_within(np.abs(last - first))
-    rows = np.minimum(first, last)[edges] + numbers
-    (x, y), (end_x, end_y) = starts[:, edges], ends[:, edges]
+def _outline_crossings(views: Sequence[View], to_scans: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where the outlines of silhouettes cross scan lines: lines, places; shape (2, n)."""
+    starts, ends, owners = outline_edges([view.visible for view in views])
+    scales, shifts = to_scans[owners][:, [0, 1], [0, 1]], to_scans[owners, :2, 2]
+    starts, ends = starts * scales + shifts, ends * scales + shifts
+    levels = np.clip(np.ceil([starts[:, 1], ends[:, 1]]), 0, SCAN_LINES).astype(np.int64)
+    edges, numbers = number_within(np.abs(levels[1] - levels[0]))
+    rows = levels.min(axis=0)[edges] + numbers
+    (x, y), (end_x, end_y) = starts[edges].T, ends[edges].T
     places = x + (rows - y) / (end_y - y) * (end_x - x)
-    return edges, rows, places, np.sign(last - first)[edges]
+    return np.stack([owners[edges] * SCAN_LINES + rows, places])

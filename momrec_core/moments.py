@@ -21,7 +21,6 @@ __all__ = [
     "enclosed_volume",
     "gathered_corners",
     "moments_of_corners",
-    "normals_of",
     "surface_moments",
 ]
 
@@ -176,12 +175,12 @@ def _raise_even_powers(points: NDArray[np.float64], rows: NDArray[np.float64]) -
 
 def areas_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the areas (n,) of triangles given by their corners (3, 3, n)."""
-    x, y, z = normals_of(corners)
+    x, y, z = _normals(corners)
     areas: NDArray[np.float64] = 0.5 * np.sqrt(x**2 + y**2 + z**2)
     return areas
 
 
-def normals_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def _normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the normals (3, n) of triangles (3, 3, n), twice their areas long."""
     (ux, uy, uz), (vx, vy, vz) = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])

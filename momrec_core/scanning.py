@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -39,14 +41,27 @@ def scan_spans(
 
 
 def outline_edges(
-    region: shapely.Geometry,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where the edges of a region's outline start and end, shape (e, 2) each."""
-    points, rings = shapely.get_coordinates(
-        shapely.get_rings(shapely.get_parts(region)), return_index=True
-    )
+    regions: shapely.Geometry | Sequence[shapely.Geometry],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return the edges of regions' outlines.
+
+    Parameters
+    ----------
+    regions : Polygon or MultiPolygon, or several of them
+        With areas.
+
+    Returns
+    -------
+    starts, ends : array, shape (e, 2)
+        In the regions' coordinates.
+    owners : array of int, shape (e,)
+        The place of each edge's region.
+    """
+    parts, of_part = shapely.get_parts(regions, return_index=True)
+    outlines, of_ring = shapely.get_rings(parts, return_index=True)
+    points, rings = shapely.get_coordinates(outlines, return_index=True)
     inner = rings[1:] == rings[:-1]
-    return points[:-1][inner], points[1:][inner]
+    return points[:-1][inner], points[1:][inner], of_part[of_ring[rings[1:][inner]]]
 
 
 def outline_points(region: shapely.Geometry, count: int) -> NDArray[np.float64]:
@@ -63,7 +78,7 @@ def outline_points(region: shapely.Geometry, count: int) -> NDArray[np.float64]:
     -------
     points : array, shape (count, 2)
     """
-    starts, ends = outline_edges(region)
+    starts, ends, _ = outline_edges(region)
     lengths = np.hypot(*(ends - starts).T)
     reached = np.cumsum(lengths)
     steps = reached[-1] * (np.arange(count) + 0.5) / count

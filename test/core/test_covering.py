@@ -14,6 +14,7 @@ from momrec_core import (
     reconstruct,
     silhouette_of_mesh,
 )
+from momrec_core._covering import rims
 from momrec_core.covering import covered_shares
 from momrec_core.simulation import simulate_views
 
@@ -74,8 +75,9 @@ def test_silhouettes_of_meshes_are_the_unions_of_their_projected_faces():
         trimesh.creation.box((1.0, 2.0, 3.0)),
         trimesh.creation.torus(1.0, 0.3),
         trimesh.creation.annulus(0.3, 0.6, 1.0),
+        trimesh.creation.cone(0.5, 1.0, sections=100),  # many edges at one vertex
     ],
-    ids=["box", "torus", "annulus"],
+    ids=["box", "torus", "annulus", "cone"],
 )
 def test_shares_by_scan_lines_are_those_by_polygons(projection, mesh):
     rng = np.random.default_rng(4)
@@ -128,3 +130,32 @@ def test_an_open_mesh_has_no_shares():
     mesh.update_faces(np.arange(11))
     with pytest.raises(DegenerateShapeError, match="two faces each"):
         covered_shares([square(1.0)], mesh)
+
+
+@pytest.mark.parametrize("face", [[0, 1, 8], [0, 1, -1]])
+def test_faces_of_vertices_that_are_missing_have_no_shares(face):
+    mesh = trimesh.creation.box()
+    broken = trimesh.Trimesh(mesh.vertices, [*mesh.faces[:-1], face], process=False)
+    with pytest.raises(DegenerateShapeError, match="two faces each, got 12 faces"):
+        covered_shares([square(1.0)], broken)
+
+
+def test_the_kernel_takes_no_other_arrays_than_it_expects():
+    mesh = trimesh.creation.box()
+    arrays = [
+        np.array(mesh.vertices),
+        np.array(mesh.faces, np.int64),
+        np.zeros((1, 12)),
+        np.zeros((1, 4)),
+    ]
+    assert rims(*arrays, 32) == b""
+    for number, array in enumerate(arrays):
+        for other in (array.astype(np.float32), array[:, :2], array.ravel()):
+            with pytest.raises((TypeError, BufferError, ValueError)):
+                rims(*arrays[:number], other, *arrays[number + 1 :], 32)
+    with pytest.raises(TypeError):
+        rims(*arrays)
+    with pytest.raises(TypeError):
+        rims(*arrays, "many")
+    with pytest.raises(ValueError, match="closed mesh"):
+        rims(*arrays[:3], np.zeros((2, 4)), 32)

@@ -1,0 +1,289 @@
+/* Where the projection of a closed mesh begins and ends on scan lines: a loop over all edges for
+ * each image, of which array operations would make many passes.
+ */
+
+#include "_arrays.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double LEAST_DEPTH = 1e-9; /* of the largest: nearer, or behind, counts as far off */
+enum { FEW = 24 }; /* half edges that are sorted by insertion */
+
+typedef struct {
+    const double *vertices; /* (vertex_count, 3) */
+    const int64_t *faces;   /* (face_count, 3) */
+    int64_t vertex_count, face_count;
+} Mesh;
+
+/* A side of a face, at the lower of its two vertices. */
+typedef struct {
+    int64_t higher, side;
+} HalfEdge;
+
+/* An edge as the first of its two faces runs through it. */
+typedef struct {
+    int64_t tail, head, first, second;
+} Edge;
+
+/* What one image has of a mesh; rows count the scan lines. */
+typedef struct {
+    double *places, *rows; /* of vertices */
+    int64_t *levels;       /* of vertices: the first line at or above, 0 to the number of lines */
+    uint8_t *fronts;       /* of faces: whether they turn towards the camera */
+} Image;
+
+typedef struct {
+    double image, line, place, way;
+} Crossing;
+
+typedef struct {
+    Crossing *items;
+    size_t count, room;
+} Crossings;
+
+typedef enum { DONE, OPEN, NO_MEMORY } Outcome;
+
+static int compare(const void *one, const void *other)
+{
+    const int64_t left = ((const HalfEdge *)one)->higher, right = ((const HalfEdge *)other)->higher;
+    return (left > right) - (left < right);
+}
+
+static void sort(HalfEdge *halves, size_t count)
+{
+    if (count > FEW) {
+        qsort(halves, count, sizeof(HalfEdge), compare);
+        return;
+    }
+    for (size_t place = 1; place < count; place++) {
+        const HalfEdge moved = halves[place];
+        size_t free_place = place;
+        for (; free_place > 0 && halves[free_place - 1].higher > moved.higher; free_place--)
+            halves[free_place] = halves[free_place - 1];
+        halves[free_place] = moved;
+    }
+}
+
+static int64_t end_of(const Mesh *mesh, int64_t side)
+{
+    return mesh->faces[side % 3 == 2 ? side - 2 : side + 1];
+}
+
+/* Gather the sides of all faces at the lower of their vertices; `first` tells where each begins. */
+static void gather(const Mesh *mesh, int64_t *first, HalfEdge *halves)
+{
+    const int64_t sides = 3 * mesh->face_count;
+    for (int64_t side = 0; side < sides; side++) {
+        const int64_t tail = mesh->faces[side], head = end_of(mesh, side);
+        first[(tail < head ? tail : head) + 2]++;
+    }
+    for (int64_t vertex = 0; vertex < mesh->vertex_count; vertex++)
+        first[vertex + 2] += first[vertex + 1];
+    for (int64_t side = 0; side < sides; side++) {
+        const int64_t tail = mesh->faces[side], head = end_of(mesh, side);
+        const HalfEdge half = {tail < head ? head : tail, side};
+        halves[first[(tail < head ? tail : head) + 1]++] = half;
+    }
+}
+
+/* Pair the sides of faces to edges (3 face_count / 2); each edge must have two faces. */
+static Outcome pair_sides(const Mesh *mesh, Edge *edges)
+{
+    int64_t *first = calloc((size_t)mesh->vertex_count + 2, sizeof(int64_t));
+    HalfEdge *halves = malloc(3 * (size_t)mesh->face_count * sizeof(HalfEdge));
+    Outcome outcome = first != NULL && halves != NULL ? DONE : NO_MEMORY;
+    if (outcome == DONE)
+        gather(mesh, first, halves);
+    for (int64_t vertex = 0; outcome == DONE && vertex < mesh->vertex_count; vertex++) {
+        const int64_t count = first[vertex + 1] - first[vertex];
+        HalfEdge *half = halves + first[vertex];
+        sort(half, (size_t)count);
+        if (count % 2)
+            outcome = OPEN;
+        for (int64_t pair = 0; outcome == DONE && pair < count / 2; pair++, half += 2) {
+            const int64_t side = half[0].side, other = half[1].side;
+            const Edge edge = {mesh->faces[side], end_of(mesh, side), side / 3, other / 3};
+            *edges++ = edge;
+            if (half[0].higher != half[1].higher)
+                outcome = OPEN;
+        }
+    }
+    free(first);
+    free(halves);
+    return outcome;
+}
+
+/* Write the plane (4,) of each face, whose product with points is positive on the outer side. */
+static void find_planes(const Mesh *mesh, double *planes)
+{
+    for (int64_t face = 0; face < mesh->face_count; face++, planes += 4) {
+        const double *corners[3];
+        double sides[2][3];
+        for (int corner = 0; corner < 3; corner++)
+            corners[corner] = mesh->vertices + 3 * mesh->faces[3 * face + corner];
+        for (int axis = 0; axis < 3; axis++) {
+            sides[0][axis] = corners[1][axis] - corners[0][axis];
+            sides[1][axis] = corners[2][axis] - corners[0][axis];
+        }
+        planes[0] = sides[0][1] * sides[1][2] - sides[0][2] * sides[1][1];
+        planes[1] = sides[0][2] * sides[1][0] - sides[0][0] * sides[1][2];
+        planes[2] = sides[0][0] * sides[1][1] - sides[0][1] * sides[1][0];
+        planes[3] = -(planes[0] * corners[0][0] + planes[1] * corners[0][1]
+                      + planes[2] * corners[0][2]);
+    }
+}
+
+static double product(const double *row, const double *point)
+{
+    return row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3];
+}
+
+/* Look at a mesh by a projection (3, 4) from an eye (4,), which is a point or a direction. */
+static void look(const Mesh *mesh, const double *planes, const double *projection,
+                 const double *eye, int64_t lines, Image *image)
+{
+    double farthest = 0.0;
+    for (int64_t vertex = 0; vertex < mesh->vertex_count; vertex++) {
+        const double depth = fabs(product(projection + 8, mesh->vertices + 3 * vertex));
+        farthest = depth > farthest ? depth : farthest;
+    }
+    for (int64_t vertex = 0; vertex < mesh->vertex_count; vertex++) {
+        const double *point = mesh->vertices + 3 * vertex;
+        const double depth = fmax(product(projection + 8, point), LEAST_DEPTH * farthest);
+        const double row = product(projection + 4, point) / depth;
+        image->places[vertex] = product(projection, point) / depth;
+        image->rows[vertex] = row;
+        image->levels[vertex] = row > (double)lines ? lines : row > 0.0 ? (int64_t)ceil(row) : 0;
+    }
+    for (int64_t face = 0; face < mesh->face_count; face++) {
+        const double *plane = planes + 4 * face;
+        image->fronts[face] = plane[0] * eye[0] + plane[1] * eye[1] + plane[2] * eye[2]
+                                  + plane[3] * eye[3] > 0.0;
+    }
+}
+
+static Crossing *appended(Crossings *crossings)
+{
+    if (crossings->count == crossings->room) {
+        const size_t room = 2 * crossings->room + 1024;
+        Crossing *items = realloc(crossings->items, room * sizeof(Crossing));
+        if (items == NULL)
+            return NULL;
+        crossings->items = items;
+        crossings->room = room;
+    }
+    return crossings->items + crossings->count++;
+}
+
+/* Cross an edge between a front and a back with the scan lines of an image, as its front runs. */
+static Outcome cross(const Edge *edge, const Image *image, int64_t number, Crossings *crossings)
+{
+    const int64_t from = image->levels[edge->tail], to = image->levels[edge->head];
+    const double place = image->places[edge->tail], row = image->rows[edge->tail];
+    const double slope = (image->places[edge->head] - place) / (image->rows[edge->head] - row);
+    const double way = (to > from) == image->fronts[edge->first] ? 1.0 : -1.0;
+    for (int64_t line = from < to ? from : to; line < (from < to ? to : from); line++) {
+        Crossing *crossing = appended(crossings);
+        if (crossing == NULL)
+            return NO_MEMORY;
+        *crossing = (Crossing){(double)number, (double)line, place + ((double)line - row) * slope,
+                               way};
+    }
+    return DONE;
+}
+
+static Outcome cross_all(const Mesh *mesh, const double *projections, const double *eyes,
+                         int64_t images, int64_t lines, Crossings *crossings)
+{
+    const size_t vertices = (size_t)mesh->vertex_count, faces = (size_t)mesh->face_count;
+    const int64_t edge_count = 3 * mesh->face_count / 2;
+    Image image = {malloc(vertices * sizeof(double)), malloc(vertices * sizeof(double)),
+                   malloc(vertices * sizeof(int64_t)), malloc(faces)};
+    double *planes = malloc(4 * faces * sizeof(double));
+    Edge *edges = malloc(2 * faces * sizeof(Edge));
+    Outcome outcome = NO_MEMORY;
+    if (image.places && image.rows && image.levels && image.fronts && planes && edges)
+        outcome = mesh->face_count % 2 ? OPEN : pair_sides(mesh, edges);
+    if (outcome == DONE)
+        find_planes(mesh, planes);
+    for (int64_t number = 0; outcome == DONE && number < images; number++) {
+        look(mesh, planes, projections + 12 * number, eyes + 4 * number, lines, &image);
+        for (int64_t place = 0; outcome == DONE && place < edge_count; place++) {
+            const Edge *edge = edges + place;
+            if (image.fronts[edge->first] != image.fronts[edge->second]
+                && image.levels[edge->tail] != image.levels[edge->head])
+                outcome = cross(edge, &image, number, crossings);
+        }
+    }
+    free(image.places);
+    free(image.rows);
+    free(image.levels);
+    free(image.fronts);
+    free(planes);
+    free(edges);
+    return outcome;
+}
+
+/* --- arrays from Python ------------------------------------------------------------------- */
+
+enum { VERTICES, FACES, PROJECTIONS, EYES, ARRAYS };
+static const ArrayKind KINDS[ARRAYS] = {
+    {"vertices", 'd', 3, 0}, {"faces", 'q', 3, 0}, {"projections", 'd', 12, 0}, {"eyes", 'd', 4, 0},
+};
+
+static int is_mesh(const Mesh *mesh)
+{
+    for (int64_t corner = 0; corner < 3 * mesh->face_count; corner++)
+        if (mesh->faces[corner] < 0 || mesh->faces[corner] >= mesh->vertex_count)
+            return 0;
+    return mesh->face_count > 0;
+}
+
+static PyObject *rims(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Py_buffer views[ARRAYS];
+    const long lines = count == ARRAYS + 1 ? PyLong_AsLong(arguments[ARRAYS]) : 0;
+    if (PyErr_Occurred() || !get_arrays(arguments, count - 1, KINDS, ARRAYS, views))
+        return NULL;
+    const Mesh mesh = {views[VERTICES].buf, views[FACES].buf, views[VERTICES].shape[0],
+                       views[FACES].shape[0]};
+    const int64_t images = views[PROJECTIONS].shape[0];
+    Crossings crossings = {0};
+    Outcome outcome = OPEN;
+    if (is_mesh(&mesh) && views[EYES].shape[0] == images) {
+        Py_BEGIN_ALLOW_THREADS
+        outcome = cross_all(&mesh, views[PROJECTIONS].buf, views[EYES].buf, images, lines,
+                            &crossings);
+        Py_END_ALLOW_THREADS
+    }
+    release_arrays(views, ARRAYS);
+    PyObject *result = NULL;
+    if (outcome == DONE)
+        result = PyBytes_FromStringAndSize((const char *)crossings.items,
+                                           (Py_ssize_t)(crossings.count * sizeof(Crossing)));
+    else if (outcome == NO_MEMORY)
+        PyErr_NoMemory();
+    else
+        PyErr_SetString(PyExc_ValueError, "Expected a closed mesh whose edges have two faces each");
+    free(crossings.items);
+    return result;
+}
+
+static PyMethodDef METHODS[] = {
+    {"rims", (PyCFunction)(void (*)(void))rims, METH_FASTCALL,
+     "Return where the edges that bound a mesh's projections cross scan lines."},
+    {NULL, NULL, 0, NULL},
+};
+
+static struct PyModuleDef MODULE = {
+    PyModuleDef_HEAD_INIT, .m_name = "_covering", .m_size = 0, .m_methods = METHODS,
+};
+
+PyMODINIT_FUNC PyInit__covering(void)
+{
+    return PyModuleDef_Init(&MODULE);
+}
