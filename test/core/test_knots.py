@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection, FillRule
 
 from momrec_core.layers import Slabs, layers_of_sections
+from momrec_core.regions import Regions
 from momrec_core.tiling import tile
 
 HEIGHT = 2.0
@@ -30,7 +31,7 @@ def region(section):
 def tiled(*sections):
     empty = CrossSection()
     offsets = HEIGHT * np.arange(len(sections) + 2)
-    layers = layers_of_sections(offsets, [empty, *sections, empty])
+    layers = layers_of_sections(offsets, Regions.of_sections([empty, *sections, empty]))
     slabs = Slabs().between(pairwise(layers))
     return trimesh.Trimesh(*tile(slabs), process=False)
 
