@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -178,12 +179,12 @@ class _Chains:
         ends = np.where(is_back[:, None], self.ends[:, ::-1], self.ends)
         return replace(self, ends=ends, is_back=is_back)
 
-    @property
+    @cached_property
     def first_edges(self) -> NDArray[np.int64]:
         """The edge that each chain begins with, in the direction of its passing, shape (c, 2)."""
         return self._passed(np.where(self.is_back, self.end - 1, self.begin), self.is_back)
 
-    @property
+    @cached_property
     def last_edges(self) -> NDArray[np.int64]:
         """The edge that each chain ends with, in the direction of its passing, shape (c, 2)."""
         return self._passed(np.where(self.is_back, self.begin, self.end - 1), self.is_back)
@@ -196,7 +197,8 @@ class _Chains:
         return self._passed(at, is_back), owners
 
     def _passed(self, at: NDArray[np.int64], is_back: NDArray[np.bool_]) -> NDArray[np.int64]:
-        return np.asarray(np.where(is_back[:, None], self.path[at, ::-1], self.path[at]))
+        tails, heads = 2 * at + is_back, 2 * at + ~is_back
+        return self.path.ravel()[np.stack([tails, heads], axis=1)]
 
 
 def _partners(chains: _Chains) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

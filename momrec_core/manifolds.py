@@ -38,10 +38,11 @@ def double_shared_edges(
     triangles : array of int, shape (m', 3)
         Every edge is shared by exactly two of them.
     """
-    is_suspect = _shares_edges(len(points), triangles, sound)
-    if not is_suspect.any():
+    suspicious = _sharing_edges(len(points), triangles, sound)
+    if len(suspicious) == 0:
         return points, triangles
-    whole, suspects = triangles[~is_suspect], _without_flaps(triangles[is_suspect])
+    suspects = _without_flaps(triangles[suspicious])
+    whole = np.delete(triangles, suspicious, axis=0)
     points, triangles = _compact(points, np.concatenate([whole, suspects]))
     whole, suspects = np.split(triangles, [len(whole)])
     order, first, counts = _group_edges(len(points), suspects)
@@ -69,8 +70,8 @@ def double_shared_edges(
     )
 
 
-def _shares_edges(count: int, triangles: NDArray[np.int64], sound: int) -> NDArray[np.bool_]:
-    """Tell which triangles of a closed surface have an edge that is used twice in a direction."""
+def _sharing_edges(count: int, triangles: NDArray[np.int64], sound: int) -> NDArray[np.int64]:
+    """Return the triangles of a closed surface with an edge that is used twice in a direction."""
     is_met = np.zeros(count, dtype=bool)
     is_met[triangles[sound:]] = True
     first, second, third = is_met[triangles[:sound]].T
@@ -82,9 +83,7 @@ def _shares_edges(count: int, triangles: NDArray[np.int64], sound: int) -> NDArr
     repeated = ordered[1:][ordered[1:] == ordered[:-1]]
     tail, head = np.divmod(repeated, count)
     is_shared = np.isin(edges, np.concatenate([repeated, head * count + tail]))
-    is_suspect = np.zeros(len(triangles), dtype=bool)
-    is_suspect[candidates] = is_shared.reshape(-1, 3).any(axis=1)
-    return is_suspect
+    return candidates[is_shared.reshape(-1, 3).any(axis=1)]
 
 
 def _split_vertices(

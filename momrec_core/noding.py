@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -31,6 +32,17 @@ class Edges:
     starts: NDArray[np.float64]
     ends: NDArray[np.float64]
     groups: NDArray[np.int64]
+
+    @cached_property
+    def lengths(self) -> NDArray[np.float64]:
+        """Length of each edge, shape (n,); never 0."""
+        x, y = (self.ends - self.starts).T
+        return np.asarray(np.maximum(np.sqrt(x * x + y * y), np.finfo(np.float64).tiny))
+
+    @cached_property
+    def tangents(self) -> NDArray[np.float64]:
+        """Direction of each edge, shape (n, 2)."""
+        return np.asarray((self.ends - self.starts) / self.lengths[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,25 +151,27 @@ def _shared_vertices(
     return lower[shared], upper[shared], ends, ends
 
 
-def _along_and_beside(
-    points: NDArray[np.float64], starts: NDArray[np.float64], ends: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return positions along segments in lengths, signed distances from their lines, lengths."""
-    spans = ends - starts
-    lengths = np.maximum(np.hypot(*spans.T), np.finfo(np.float64).tiny)
-    tangents = spans / lengths[:, None]
-    x, y = (points - starts).T
-    return x * tangents[:, 0] + y * tangents[:, 1], tangents[:, 0] * y - tangents[:, 1] * x, lengths
+def _along(points: NDArray[np.float64], edges: Edges, on: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return positions along edges, in lengths."""
+    return np.asarray(((points - edges.starts[on]) * edges.tangents[on]).sum(axis=1))
+
+
+def _beside(
+    points: NDArray[np.float64], edges: Edges, on: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return signed distances from the lines of edges, positive on their left."""
+    (x, y), (along_x, along_y) = (points - edges.starts[on]).T, edges.tangents[on].T
+    return np.asarray(along_x * y - along_y * x)
 
 
 def _vertices_on_edges(
     vertices: Edges, edges: Edges, which: NDArray[np.int64], on: NDArray[np.int64]
 ) -> _EdgePairs:
     """Find the first vertices of edges of one set that lie inside edges of the other."""
-    along, beside, lengths = _along_and_beside(
-        vertices.starts[which], edges.starts[on], edges.ends[on]
-    )
-    inside = (np.abs(beside) <= TOUCH) & (along > TOUCH) & (along < lengths - TOUCH)
+    near = np.abs(_beside(vertices.starts[which], edges, on)) <= TOUCH
+    which, on = which[near], on[near]
+    along, lengths = _along(vertices.starts[which], edges, on), edges.lengths[on]
+    inside = (along > TOUCH) & (along < lengths - TOUCH)
     position = along[inside] / lengths[inside]
     return which[inside], on[inside], np.zeros(len(position)), position
 
@@ -166,14 +180,17 @@ def _crossings(
     below: Edges, above: Edges, lower: NDArray[np.int64], upper: NDArray[np.int64]
 ) -> _EdgePairs:
     """Find the pairs of edges that cross away from their ends."""
-    segments = below.starts[lower], below.ends[lower]
-    others = above.starts[upper], above.ends[upper]
-    _, start1, _ = _along_and_beside(segments[0], *others)
-    _, end1, _ = _along_and_beside(segments[1], *others)
-    _, start2, _ = _along_and_beside(others[0], *segments)
-    _, end2, _ = _along_and_beside(others[1], *segments)
-    clear = np.min(np.abs([start1, end1, start2, end2]), axis=0) > TOUCH
-    cross = clear & (start1 * end1 < 0) & (start2 * end2 < 0)
-    at1 = start1[cross] / (start1[cross] - end1[cross])
-    at2 = start2[cross] / (start2[cross] - end2[cross])
-    return lower[cross], upper[cross], at1, at2
+    start, end = (_beside(points[lower], above, upper) for points in (below.starts, below.ends))
+    cross = _are_opposite(start, end)
+    lower, upper, start, end = lower[cross], upper[cross], start[cross], end[cross]
+    begin, stop = (_beside(points[upper], below, lower) for points in (above.starts, above.ends))
+    cross = _are_opposite(begin, stop)
+    at = start[cross] / (start[cross] - end[cross])
+    other_at = begin[cross] / (begin[cross] - stop[cross])
+    return lower[cross], upper[cross], at, other_at
+
+
+def _are_opposite(ones: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which signed distances from a line are clearly on either side of it."""
+    clear = np.minimum(np.abs(ones), np.abs(others)) > TOUCH
+    return np.asarray(clear & ((ones > 0) != (others > 0)))

@@ -23,17 +23,13 @@ def star(rng, count, center):
     return np.column_stack([np.cos(angles), np.sin(angles)]) * radii[:, None] + center
 
 
-def region(section):
-    """Return the region of a cross-section without holes."""
-    return shapely.MultiPolygon([shapely.Polygon(ring) for ring in section.to_polygons()])
-
-
 def tiled(*sections):
+    """Return the surface through cross-sections, and their regions as it has them."""
     empty = CrossSection()
     offsets = HEIGHT * np.arange(len(sections) + 2)
     layers = layers_of_sections(offsets, Regions.of_sections([empty, *sections, empty]))
-    slabs = Slabs().between(pairwise(layers))
-    return trimesh.Trimesh(*tile(slabs), process=False)
+    mesh = trimesh.Trimesh(*tile(Slabs().between(pairwise(layers))), process=False)
+    return mesh, [shapely.union_all(layer.pieces.polygons(1.0)) for layer in layers[1:-1]]
 
 
 def projected(mesh, is_up, low, high):
@@ -52,9 +48,8 @@ def test_where_only_one_layer_has_material_the_surface_faces_away_from_it(seed, 
     pair = [star(rng, count, (side * 11.0, 0.0)) for side in (-1, 1)]
     joint = star(rng, count + 3, rng.uniform(-3.0, 3.0, 2)) * (2.0, 0.7)
     low, high = (CrossSection(rings, FillRule.Positive) for rings in (pair, [joint]))
-    below, above = region(low), region(high)
+    mesh, (_, below, above, _) = tiled(low, low, high, high)
     assume(min((part & above).area for part in below.geoms) > 1.0)
-    mesh = tiled(low, low, high, high)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     for is_up, expected in ((True, below - above), (False, above - below)):
@@ -65,7 +60,7 @@ def test_where_only_one_layer_has_material_the_surface_faces_away_from_it(seed, 
 def test_a_hole_that_opens_is_closed_where_it_opens():
     square = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0]])
     hole = square[::-1] * 0.3 + 5.0
-    mesh = tiled(CrossSection([square]), CrossSection([square, hole], FillRule.EvenOdd))
+    mesh, _ = tiled(CrossSection([square]), CrossSection([square, hole], FillRule.EvenOdd))
     assert mesh.is_watertight
     assert mesh.euler_number == 2
     assert projected(mesh, True, HEIGHT, 2 * HEIGHT) == pytest.approx(400.0)
