@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from momrec_core.rings import Rings
+from momrec_core.rings import Rings, ends_of
 from momrec_core.view import View
 
 __all__ = ["Strips", "surface_strips"]
@@ -132,14 +132,15 @@ def surface_strips(views: Sequence[View], middle: NDArray[np.float64], spare: in
 
 def _outlines(views: Sequence[View], middle: NDArray[np.float64]) -> _Outlines:
     thinned = [_thinned(view) for view in views]
-    sampled = [_sampled(view, rings) for view, rings in zip(views, thinned, strict=True)]
-    origins, directions, edges = (np.concatenate(part) for part in zip(*sampled, strict=True))
-    depths = ((middle - origins) * directions).sum(axis=1) / (directions**2).sum(axis=1)
     points = np.concatenate([rings.points for rings in thinned])
     counts = np.concatenate([rings.counts for rings in thinned])
+    numbers = np.array([len(rings.points) for rings in thinned])
+    rings = Rings(np.column_stack([points, np.ones(len(points))]), ends_of(counts))
+    origins, directions, edges = _lines_of_sight(views, *_sampled(rings, numbers))
+    depths = ((middle - origins) * directions).sum(axis=1) / (directions**2).sum(axis=1)
     return _Outlines(
-        Rings(np.column_stack([points, np.ones(len(points))]), np.cumsum([0, *counts])),
-        np.repeat(np.arange(len(views)), [len(rings.points) for rings in thinned]),
+        rings,
+        np.repeat(np.arange(len(views)), numbers),
         origins + depths[:, None] * directions,
         directions,
         edges,
@@ -155,26 +156,55 @@ def _thinned(view: View) -> Rings:
     return Rings(np.concatenate(rings), np.cumsum([0, *(len(ring) for ring in rings)]))
 
 
-def _sampled(view: View, rings: Rings) -> tuple[NDArray[np.float64], ...]:
-    """Return origins and directions of lines of sight, and their part of the outline.
+def _sampled(
+    rings: Rings, numbers: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return points evenly spread over the outlines of views, and how far it is to the next ones.
+
+    Parameters
+    ----------
+    rings : Rings
+        Those of all views.
+    numbers : array of int, shape (v,)
+        How many vertices each view has.
+
+    Returns
+    -------
+    points, steps : array, shape (v, RAYS, 2)
+        In image coordinates; the steps along the outline.
+    """
+    lengths = np.hypot(*rings.edges.T)
+    reached = np.cumsum(lengths)
+    totals = np.diff(reached[np.cumsum(numbers) - 1], prepend=0.0)
+    begins = np.cumsum(totals) - totals
+    positions = begins[:, None] + totals[:, None] * (np.arange(RAYS) + 0.5) / RAYS
+    edges = np.searchsorted(reached, positions)
+    along = rings.edges[edges] / lengths[edges][..., None]
+    ends = rings.points[rings.following[edges], :2]
+    points = ends - (reached[edges] - positions)[..., None] * along
+    return points, along * (totals / RAYS)[:, None, None]
+
+
+def _lines_of_sight(
+    views: Sequence[View], points: NDArray[np.float64], steps: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], ...]:
+    """Return origins, directions and steps in the world of lines of sight, shape (v * RAYS, 3).
 
     For parallel projection in metres; for a pinhole at a depth of one, where the camera is the
     origin of all.
     """
-    ends = np.cumsum(np.hypot(*rings.edges.T))
-    positions = ends[-1] * (np.arange(RAYS) + 0.5) / RAYS
-    edges = np.searchsorted(ends, positions)
-    along = rings.edges[edges] / np.hypot(*rings.edges[edges].T)[:, None]
-    points = rings.points[rings.following[edges]] - (ends[edges] - positions)[:, None] * along
-    along *= ends[-1] / RAYS
-    camera = view.camera
-    if camera.is_pinhole:
-        starts, stops = np.split(camera.rays_camera(np.concatenate([points, points + along])), 2)
-        origins = np.tile(camera.position, (RAYS, 1))
-        return origins, starts @ camera.rotation.T, (stops - starts) @ camera.rotation.T
-    origins = camera.position + points @ camera.rotation[:, :2].T
-    directions = np.tile(camera.rotation[:, 2], (RAYS, 1))
-    return origins, directions, along @ camera.rotation[:, :2].T
+    rotations = np.array([view.camera.rotation for view in views])
+    positions = np.array([view.camera.position for view in views])[:, None]
+    across = rotations[:, :, :2].transpose(0, 2, 1)
+    origins, edges = positions + points @ across, steps @ across
+    directions = np.repeat(rotations[:, None, :, 2], RAYS, axis=1)
+    for index, view in enumerate(views):
+        if view.camera.is_pinhole:
+            both = np.concatenate([points[index], points[index] + steps[index]])
+            starts, stops = np.split(view.camera.rays_camera(both) @ rotations[index].T, 2)
+            origins[index] = positions[index]
+            directions[index], edges[index] = starts, stops - starts
+    return origins.reshape(-1, 3), directions.reshape(-1, 3), edges.reshape(-1, 3)
 
 
 def _bounding_parts(
