@@ -270,20 +270,23 @@ def _crossings(
     parts = np.split(points, np.flatnonzero(np.diff(outlines.ring_views)) + 1)
     sides = np.concatenate([part @ line for part, line in zip(parts, lines, strict=True)])
     is_left = sides > 0
-    edges, rays = np.nonzero((is_left != is_left[following]) & is_met[outlines.ring_views])
-    views = outlines.ring_views[edges]
+    crosses = (is_left != is_left[following]) & is_met[outlines.ring_views]
+    edges, rays = np.divmod(np.flatnonzero(crosses), len(outlines.views))
+    pairs = outlines.ring_views[edges] * len(outlines.views) + rays
     here, there = sides[edges, rays], sides[following[edges], rays]
-    fraction = (here / (here - there))[:, None]
-    crossed = points[edges] + fraction * (points[following[edges]] - points[edges])
-    start, slope = starts[views, :, rays], slopes[views, :, rays]
-    offset = start[:, :2] - start[:, 2:] * crossed[:, :2]
-    change = slope[:, :2] - slope[:, 2:] * crossed[:, :2]
-    squares = (change**2).sum(axis=1)
+    (x, y, _), (next_x, next_y, _) = points[edges].T, points[following[edges]].T
+    fraction = here / (here - there)
+    x, y = x + fraction * (next_x - x), y + fraction * (next_y - y)
+    start_x, start_y, start_z = (starts[:, axis].ravel()[pairs] for axis in range(3))
+    slope_x, slope_y, slope_z = (slopes[:, axis].ravel()[pairs] for axis in range(3))
+    offset_x, offset_y = start_x - start_z * x, start_y - start_z * y
+    change_x, change_y = slope_x - slope_z * x, slope_y - slope_z * y
+    squares = change_x**2 + change_y**2
     is_near = squares > 0  # the rest is where lines vanish
-    positions = -(offset * change).sum(axis=1) / np.where(is_near, squares, 1.0)
-    is_ahead = is_near & (start[:, 2] + positions * slope[:, 2] > 0)
-    pairs = (views * len(outlines.views) + rays)[is_ahead]
+    along = -(offset_x * change_x + offset_y * change_y) / np.where(is_near, squares, 1.0)
+    is_ahead = is_near & (start_z + along * slope_z > 0)
+    pairs, positions = pairs[is_ahead], along[is_ahead]
     odd = np.flatnonzero(np.bincount(pairs, minlength=is_met.size) % 2)
     view, ray = np.divmod(odd, len(outlines.views))
     beyond = np.copysign(np.inf, slopes[view, 2, ray])  # inside where the line vanishes
-    return np.concatenate([pairs, odd]), np.concatenate([positions[is_ahead], beyond])
+    return np.concatenate([pairs, odd]), np.concatenate([positions, beyond])
