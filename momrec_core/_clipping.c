@@ -140,6 +140,17 @@ static int add_end(List *ends, size_t count)
 
 /* --- edges -------------------------------------------------------------------------------- */
 
+static const Box EMPTY = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
+
+/* Let a box grow until it holds a point. */
+static void include(Box *box, const double *point)
+{
+    for (int axis = 0; axis < 2; axis++) {
+        box->low[axis] = lesser(box->low[axis], point[axis]);
+        box->high[axis] = greater(box->high[axis], point[axis]);
+    }
+}
+
 /* Lay a region's edges out in three lists, which the result points to. */
 static int lay_out(Edges *edges, List *memory, const Regions *from, int64_t region)
 {
@@ -152,15 +163,9 @@ static int lay_out(Edges *edges, List *memory, const Regions *from, int64_t regi
     edges->first = reserved(&memory[2], (size_t)edges->rings + 1, sizeof(int64_t));
     if (!edges->next || !edges->ring || !edges->first)
         return 0;
-    for (int axis = 0; axis < 2; axis++) {
-        edges->box.low[axis] = INFINITY;
-        edges->box.high[axis] = -INFINITY;
-    }
-    for (int64_t place = 0; place < 2 * edges->count; place++) {
-        const double value = edges->points[place];
-        edges->box.low[place & 1] = lesser(edges->box.low[place & 1], value);
-        edges->box.high[place & 1] = greater(edges->box.high[place & 1], value);
-    }
+    edges->box = EMPTY;
+    for (int64_t vertex = 0; vertex < edges->count; vertex++)
+        include(&edges->box, edges->points + 2 * vertex);
     for (int64_t ring = 0; ring < edges->rings; ring++) {
         const int64_t begin = rings[ring] - rings[0], end = rings[ring + 1] - rings[0];
         edges->first[ring] = begin;
@@ -644,6 +649,27 @@ static int clip_all(const Work *work, Room *room)
     return fits;
 }
 
+/* --- measures ----------------------------------------------------------------------------- */
+
+/* Measure the area and the box of a region; seen from its first vertex, so that little cancels. */
+static void measure_region(const Regions *regions, int64_t region, double *area, Box *box)
+{
+    const int64_t *first = regions->rings + regions->regions[region];
+    const int64_t *last = regions->rings + regions->regions[region + 1];
+    const double *origin = regions->points + 2 * *first;
+    *area = 0.0;
+    *box = EMPTY;
+    for (; first < last; first++) {
+        const double *start = regions->points + 2 * (first[1] - 1);
+        for (int64_t vertex = first[0]; vertex < first[1]; vertex++) {
+            const double *end = regions->points + 2 * vertex;
+            *area += cross(start, end, origin) / 2;
+            include(box, end);
+            start = end;
+        }
+    }
+}
+
 /* --- simplification ----------------------------------------------------------------------- */
 
 static double distance_squared(const double *start, const double *end, const double *point)
@@ -726,6 +752,13 @@ enum { HELD_CHOSEN = OUTLINE_POINTS, HELD_POINTS, IS_HELD, HELD_ARRAYS };
 static const ArrayKind HELD_KINDS[HELD_ARRAYS] = {
     {"points", 'd', 2, 0}, {"rings", 'q', 0, 0}, {"regions", 'q', 0, 0},
     {"chosen", 'q', 0, 0}, {"held points", 'd', 2, 0}, {"is_held", '?', 0, 1},
+};
+
+enum { AREAS = OUTLINE_POINTS, BOXES, MEASURED_ARRAYS };
+
+static const ArrayKind MEASURED_KINDS[MEASURED_ARRAYS] = {
+    {"points", 'd', 2, 0}, {"rings", 'q', 0, 0}, {"regions", 'q', 0, 0},
+    {"areas", 'd', 0, 1},  {"boxes", 'd', 4, 1},
 };
 
 /* Tell whether numbers increase from 0 to a last one, each by so much at the least. */
@@ -856,6 +889,24 @@ static PyObject *hold(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     Py_RETURN_NONE;
 }
 
+static PyObject *measure(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Py_buffer views[MEASURED_ARRAYS];
+    Regions regions;
+    if (!get_arrays(arguments, count, MEASURED_KINDS, MEASURED_ARRAYS, views))
+        return NULL;
+    const int good = are_regions(views, &regions) && views[AREAS].shape[0] == regions.count
+                     && views[BOXES].shape[0] == regions.count;
+    for (Py_ssize_t region = 0; good && region < regions.count; region++)
+        measure_region(&regions, region, (double *)views[AREAS].buf + region,
+                       (Box *)views[BOXES].buf + region);
+    release_arrays(views, MEASURED_ARRAYS);
+    if (!good)
+        return reject();
+    Py_RETURN_NONE;
+}
+
 static PyObject *simplify(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -884,6 +935,8 @@ static PyMethodDef METHODS[] = {
      "Clip the region of each plane with outlines, scaled and shifted, one after the other."},
     {"hold", (PyCFunction)(void (*)(void))hold, METH_FASTCALL,
      "Tell for points whether the region of each, chosen among some, holds it."},
+    {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL,
+     "Measure regions: areas and boxes."},
     {"simplify", (PyCFunction)(void (*)(void))simplify, METH_FASTCALL,
      "Leave out vertices that lie within a tolerance of the edge which that makes."},
     {NULL, NULL, 0, NULL},

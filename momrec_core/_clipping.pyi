@@ -24,6 +24,14 @@ def hold(
     is_held: NDArray[np.bool_],
     /,
 ) -> None: ...
+def measure(
+    points: NDArray[np.float64],
+    rings: NDArray[np.int64],
+    regions: NDArray[np.int64],
+    areas: NDArray[np.float64],
+    boxes: NDArray[np.float64],
+    /,
+) -> None: ...
 def simplify(
     points: NDArray[np.float64],
     rings: NDArray[np.int64],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain, pairwise
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -214,9 +214,14 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
         for node in group:
             knot[side_of[node] % 2].append(int(place[node]))
         slabs[side_of[group[0]] // 2].knots.append(knot)
-    for slab in slabs:
+    areas = np.where(is_left, pieces.areas[starts[side_of] + place], 0.0)
+    areas = np.bincount(side_of, areas, minlength=len(sides)).reshape(-1, 2)
+    footprints = Footprints.of(pieces, upper[~is_pair])
+    common = pieces.take(lower[~is_pair]).clipped([footprints]).areas
+    shared = np.bincount(owners[~is_pair], common, minlength=len(slabs))
+    for slab, *knot_areas in zip(slabs, *areas.T.tolist(), shared.tolist(), strict=True):
+        slab.knot_areas = tuple(knot_areas)
         _bridge(slab)
-    _measure_knots(slabs, pieces, starts.reshape(-1, 2))
     return slabs
 
 
@@ -245,26 +250,6 @@ def _connected(nodes: NDArray[np.int64], edges: NDArray[np.int64]) -> list[list[
     for node in parents:
         groups.setdefault(root(node), []).append(node)
     return list(groups.values())
-
-
-def _measure_knots(slabs: Sequence[Slab], pieces: Regions, starts: NDArray[np.int64]) -> None:
-    """Fill in the areas of knots."""
-    tied = [(slab, first) for slab, first in zip(slabs, starts, strict=True) if slab.knots]
-    sides, areas = [], []
-    for side in (0, 1):
-        chosen = [
-            [(first[side] + np.array(group[side], dtype=np.int64)) for group in slab.knots]
-            for slab, first in tied
-        ]
-        numbers = np.array([sum(map(len, groups)) for groups in chosen], dtype=np.int64)
-        members = np.fromiter(chain.from_iterable(chain.from_iterable(chosen)), dtype=np.int64)
-        owners = np.repeat(np.arange(len(tied)), numbers)
-        areas.append(np.bincount(owners, pieces.areas[members], len(tied)).tolist())
-        sides.append(pieces.take(members).merged(numbers))
-    below, above = sides
-    common = below.clipped([Footprints.as_they_are(above)]).areas.tolist()
-    for (slab, _), *knot_areas in zip(tied, *areas, common, strict=True):
-        slab.knot_areas = tuple(knot_areas)
 
 
 def _overlaps(
@@ -311,8 +296,8 @@ def _meet(pieces: Regions, lower: NDArray[np.int64], upper: NDArray[np.int64]) -
     middles = (corners[0] + corners[1]) / 2
     meet = pieces.hold(lower, middles) & pieces.hold(upper, middles)
     others = np.flatnonzero(~meet)  # for which the middle of what their boxes share does not tell
-    above = Footprints.as_they_are(pieces.take(upper[others]))
-    meet[others] = pieces.take(lower[others]).clipped([above]).areas > 0
+    common = pieces.take(lower[others]).clipped([Footprints.of(pieces, upper[others])])
+    meet[others] = common.areas > 0
     return meet
 
 
@@ -364,6 +349,10 @@ def _bridge(slab: Slab) -> None:
             slab.knots.remove(([ends[row]], []))
             slab.knots.remove(([], [begins[column]]))
             slab.pairs[ends[row], begins[column]] = [(contours[0][0], contours[1][0])]
+            below, above, common = slab.knot_areas
+            below -= float(slab.below.areas[ends[row]])
+            above -= float(slab.above.areas[begins[column]])
+            slab.knot_areas = below, above, common
 
 
 def without_flakes(layers: Sequence[Layer], slabs: Slabs) -> list[Layer]:
@@ -402,9 +391,10 @@ def without_needless(
         were more of them.
     """
     largest = max(layer.area for layer in layers)
-    kept = np.isin([layer.offset for layer in layers], list(wanted))
-    for index, slab in enumerate(slabs.between(pairwise(layers))):
-        kept[[index, index + 1]] |= slab.changes(largest)
+    kept = np.array([layer.offset in wanted for layer in layers])
+    changes = [slab.changes(largest) for slab in slabs.between(pairwise(layers))]
+    kept[:-1] |= changes
+    kept[1:] |= changes
     gaps = [(low, high) for low, high in pairwise(np.flatnonzero(kept).tolist()) if high > low + 1]
     bridges = slabs.between((layers[low], layers[high]) for low, high in gaps)
     for gap, slab in zip(gaps, bridges, strict=True):

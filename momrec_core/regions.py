@@ -13,7 +13,7 @@ from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from momrec_core._clipping import clip, hold, simplify
+from momrec_core._clipping import clip, hold, measure, simplify
 from momrec_core.rings import Rings, ends_of, number_within
 
 __all__ = ["Footprints", "Regions"]
@@ -81,18 +81,21 @@ class Regions:
         """Whether each region has any contour."""
         return np.diff(self.first) > 0
 
-    @cached_property
-    def boxes(self) -> NDArray[np.float64]:
-        """Least x and y, greatest x and y of each region that is met, shape (met, 4)."""
-        starts = self.rings.first[self.first[:-1][self.is_met]]
-        points = self.rings.points
-        least, most = (take.reduceat(points, starts) for take in (np.minimum, np.maximum))
-        return np.hstack([least, most])
-
-    @cached_property
+    @property
     def areas(self) -> NDArray[np.float64]:
         """Area of each region."""
-        return np.bincount(self.owners, self.rings.areas, len(self)).astype(np.float64)
+        return self._measures[0]
+
+    @property
+    def boxes(self) -> NDArray[np.float64]:
+        """Least x and y, greatest x and y of each region; infinite where it is empty."""
+        return self._measures[1]
+
+    @cached_property
+    def _measures(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        areas, boxes = np.empty(len(self)), np.empty((len(self), 4))
+        measure(*self.arrays, areas, boxes)
+        return areas, boxes
 
     @cached_property
     def centroids(self) -> NDArray[np.float64]:
@@ -270,8 +273,12 @@ class Footprints:
     @classmethod
     def as_they_are(cls, outlines: Regions) -> Footprints:
         """Return one outline for each plane."""
-        count = len(outlines)
-        return cls(outlines, np.arange(count), np.ones(count), np.zeros((count, 2)))
+        return cls.of(outlines, np.arange(len(outlines)))
+
+    @classmethod
+    def of(cls, outlines: Regions, chosen: NDArray[np.int64]) -> Footprints:
+        """Return outlines where they are, one of them for each plane."""
+        return cls(outlines, chosen, np.ones(len(chosen)), np.zeros((len(chosen), 2)))
 
     def section(self, plane: int) -> CrossSection:
         """Return the footprint in a plane as a cross-section of Clipper2."""
