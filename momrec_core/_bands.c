@@ -4,8 +4,7 @@
  * have edges. Each step is a triangle: a rise over an edge below, or a run over an edge above.
  */
 
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
+#include "_arrays.h"
 
 #include <float.h>
 #include <math.h>
@@ -396,64 +395,8 @@ static void lay_all(const Work *work, int64_t *triangles, int64_t *edges)
 
 /* --- arrays from Python ------------------------------------------------------------------- */
 
-enum { MOST = 7 }; /* arrays of a call */
-
-typedef struct {
-    const char *name;
-    char kind;   /* d: float64, q: int64, ?: bool */
-    int columns; /* 0: one-dimensional */
-    int is_out;
-} Array;
-
-typedef struct {
-    Py_buffer views[MOST];
-    int count;
-} Arrays;
-
-static const Array POINTS = {"points", 'd', 3, 0}, FIRST = {"first", 'q', 0, 0};
-static const Array PAIRS = {"pairs", 'q', 2, 0}, SHIFTS = {"shifts", 'd', 2, 0};
-
-static int is_as_expected(const Py_buffer *view, const Array *expected)
-{
-    const char *format = view->format ? view->format : "B";
-    const char kind = expected->kind;
-    const int columns = expected->columns;
-    const int fits = *format == kind || (kind == 'q' && *format == 'l' && view->itemsize == 8);
-    return fits && view->ndim == 1 + (columns > 0) && (!columns || view->shape[1] == columns);
-}
-
-static void release(Arrays *arrays)
-{
-    while (arrays->count > 0)
-        PyBuffer_Release(&arrays->views[--arrays->count]);
-}
-
-/* Take the arrays that a function expects; set an error and return 0 if they are others. */
-static int take(Arrays *arrays, PyObject *const *arguments, Py_ssize_t count,
-                const Array *expected, int wanted)
-{
-    arrays->count = 0;
-    if (count != wanted) {
-        PyErr_Format(PyExc_TypeError, "Expected %d arrays, got %zd", wanted, count);
-        return 0;
-    }
-    while (arrays->count < wanted) {
-        const Array *next = expected + arrays->count;
-        Py_buffer *view = arrays->views + arrays->count;
-        const int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (next->is_out ? PyBUF_WRITABLE : 0);
-        if (PyObject_GetBuffer(arguments[arrays->count], view, flags)) {
-            release(arrays);
-            return 0;
-        }
-        arrays->count++;
-        if (!is_as_expected(view, next)) {
-            PyErr_Format(PyExc_TypeError, "Expected another kind or shape of %s", next->name);
-            release(arrays);
-            return 0;
-        }
-    }
-    return 1;
-}
+static const ArrayKind POINTS = {"points", 'd', 3, 0}, FIRST = {"first", 'q', 0, 0};
+static const ArrayKind PAIRS = {"pairs", 'q', 2, 0}, SHIFTS = {"shifts", 'd', 2, 0};
 
 /* Tell whether contours, pairs of them and so many vertices and steps agree. */
 static int are_consistent(const Work *work, Py_ssize_t rings, Py_ssize_t vertices,
@@ -495,9 +438,9 @@ static int are_walks(const Work *work)
 }
 
 /* End a call: release the arrays, and return None or raise what was wrong. */
-static PyObject *ended(Arrays *arrays, int is_consistent, int is_done)
+static PyObject *ended(Py_buffer *views, int count, int is_consistent, int is_done)
 {
-    release(arrays);
+    release_arrays(views, count);
     if (!is_consistent)
         return PyErr_Format(PyExc_ValueError,
                             "Expected contours with vertices, pairs of them, and arrays that agree");
@@ -508,12 +451,13 @@ static PyObject *ended(Arrays *arrays, int is_consistent, int is_done)
 
 static PyObject *walk(PyObject *const *arguments, Py_ssize_t count, int is_least)
 {
-    const Array expected[] = {POINTS, FIRST, PAIRS, SHIFTS,
-                              {"starts", 'q', 2, 1}, {"rises", '?', 0, 1}, {"measures", 'd', 2, 1}};
-    Arrays arrays;
-    if (!take(&arrays, arguments, count, expected, 7))
+    const ArrayKind expected[] = {
+        POINTS, FIRST, PAIRS, SHIFTS,
+        {"starts", 'q', 2, 1}, {"rises", '?', 0, 1}, {"measures", 'd', 2, 1},
+    };
+    Py_buffer views[7];
+    if (!get_arrays(arguments, count, expected, 7, views))
         return NULL;
-    const Py_buffer *views = arrays.views;
     const Work work = {.points = views[0].buf, .first = views[1].buf, .pairs = views[2].buf,
                        .shifts = views[3].buf, .starts = views[4].buf, .rises = views[5].buf,
                        .measures = views[6].buf, .bands = views[2].shape[0]};
@@ -524,7 +468,7 @@ static PyObject *walk(PyObject *const *arguments, Py_ssize_t count, int is_least
     Py_BEGIN_ALLOW_THREADS
     is_done = !good || walk_all(&work, is_least);
     Py_END_ALLOW_THREADS
-    return ended(&arrays, good, is_done);
+    return ended(views, 7, good, is_done);
 }
 
 static PyObject *greedy(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -542,11 +486,10 @@ static PyObject *least(PyObject *module, PyObject *const *arguments, Py_ssize_t 
 static PyObject *expect(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    const Array expected[] = {POINTS, FIRST, PAIRS, {"expected", 'd', EXPECTATIONS, 1}};
-    Arrays arrays;
-    if (!take(&arrays, arguments, count, expected, 4))
+    const ArrayKind expected[] = {POINTS, FIRST, PAIRS, {"expected", 'd', EXPECTATIONS, 1}};
+    Py_buffer views[4];
+    if (!get_arrays(arguments, count, expected, 4, views))
         return NULL;
-    const Py_buffer *views = arrays.views;
     const Work work = {.points = views[0].buf, .first = views[1].buf, .pairs = views[2].buf,
                        .bands = views[2].shape[0]};
     const int good = views[3].shape[0] == work.bands
@@ -555,18 +498,19 @@ static PyObject *expect(PyObject *module, PyObject *const *arguments, Py_ssize_t
     if (good)
         expect_all(&work, views[3].buf);
     Py_END_ALLOW_THREADS
-    return ended(&arrays, good, 1);
+    return ended(views, 4, good, 1);
 }
 
 static PyObject *lay(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    const Array expected[] = {FIRST, PAIRS, {"starts", 'q', 2, 0}, {"rises", '?', 0, 0},
-                              {"triangles", 'q', 3, 1}, {"edges", 'q', 0, 1}};
-    Arrays arrays;
-    if (!take(&arrays, arguments, count, expected, 6))
+    const ArrayKind expected[] = {
+        FIRST, PAIRS, {"starts", 'q', 2, 0}, {"rises", '?', 0, 0},
+        {"triangles", 'q', 3, 1}, {"edges", 'q', 0, 1},
+    };
+    Py_buffer views[6];
+    if (!get_arrays(arguments, count, expected, 6, views))
         return NULL;
-    const Py_buffer *views = arrays.views;
     const Work work = {.first = views[0].buf, .pairs = views[1].buf, .starts = views[2].buf,
                        .rises = views[3].buf, .bands = views[1].shape[0]};
     const Py_ssize_t steps = views[3].shape[0];
@@ -578,7 +522,7 @@ static PyObject *lay(PyObject *module, PyObject *const *arguments, Py_ssize_t co
     if (good)
         lay_all(&work, views[4].buf, views[5].buf);
     Py_END_ALLOW_THREADS
-    return ended(&arrays, good, 1);
+    return ended(views, 6, good, 1);
 }
 
 #define METHOD(name, text) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, text}

@@ -21,10 +21,10 @@ from typing import Any
 
 import manifold3d
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from momrec_core.rings import number_within
+from momrec_core.regions import Regions
+from momrec_core.rings import Rings, number_within
 
 __all__ = ["Knots", "cap", "join_knots"]
 
@@ -296,18 +296,11 @@ def _runs(points: NDArray[np.float64], knots: Knots, chains: _Chains) -> _Runs:
 
 def _inside(points: NDArray[np.float64], knots: Knots, chains: _Chains) -> NDArray[np.bool_]:
     """Tell which chains run inside the pieces of the other layer."""
-    contours, _ = number_within(np.diff(knots.first))
-    rings = shapely.linearrings(points[knots.vertices, :2], indices=contours)
-    polygons = shapely.polygons(rings, indices=knots.pieces)
-    shapely.prepare(polygons)
-    sides = 2 * knots.knots + knots.is_above
-    others = 2 * chains.knots + ~chains.is_above
-    first, last = np.searchsorted(sides, [others, others + 1])
-    owners, positions = number_within(last - first)
+    sides = (2 * knots.knots + knots.is_above)[knots.pieces]
+    first = np.searchsorted(sides, np.arange(2 * knots.knots[-1] + 3))
+    regions = Regions(Rings(points[knots.vertices, :2], knots.first), first)
     ends = np.column_stack([chains.first_edges[:, 0], chains.last_edges[:, 1]])
-    middles = points[ends, :2].mean(axis=1)[owners]
-    contained = shapely.contains_xy(polygons[first[owners] + positions], *middles.T)
-    return np.bincount(owners, weights=contained, minlength=len(first)) > 0
+    return regions.hold(2 * chains.knots + ~chains.is_above, points[ends, :2].mean(axis=1))
 
 
 def _fill(
