@@ -78,9 +78,8 @@ class Layer:
 
     def contours(self, piece: int) -> range:
         """Return the numbers of a piece's contours: its shell, then its holes."""
-        first = self.batch.first
-        at = self.low + piece
-        return range(int(first[at] - first[self.low]), int(first[at + 1] - first[self.low]))
+        begins, at = self.batch.begins, self.low + piece
+        return range(begins[at] - begins[self.low], begins[at + 1] - begins[self.low])
 
     def centroids(self, pieces: Sequence[int]) -> NDArray[np.float64]:
         """Return the centroids of some pieces' shells."""
@@ -191,14 +190,10 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
         return slabs
     pieces, starts = _all_pieces(sides)
     owners, places = _overlaps(pieces, starts, counts)
-    lower, upper = (starts.reshape(-1, 2)[owners] + places).T
+    members = starts.reshape(-1, 2)[owners] + places
     nodes = ends_of(counts)[:-1].reshape(-1, 2)[owners] + places
     degrees = np.bincount(nodes.ravel(), minlength=counts.sum())
-    is_pair = (degrees[nodes] == 1).all(axis=1)
-    is_pair &= _are_similar(pieces.areas[lower], pieces.areas[upper])
-    widths = pieces.boxes[:, 2:] - pieces.boxes[:, :2]
-    least, most = (take(widths[lower], widths[upper]) for take in (np.minimum, np.maximum))
-    is_pair &= (least > LEAST_WIDTH * most).all(axis=1)
+    is_pair = (degrees[nodes] == 1).all(axis=1) & _are_images(pieces, members)
     for index in np.flatnonzero(is_pair).tolist():
         slab, pair = slabs[owners[index]], tuple(places[index].tolist())
         contours = _contour_pairs(slab, *pair)
@@ -214,14 +209,14 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
         for node in group:
             knot[side_of[node] % 2].append(int(place[node]))
         slabs[side_of[group[0]] // 2].knots.append(knot)
-    areas = np.where(is_left, pieces.areas[starts[side_of] + place], 0.0)
-    areas = np.bincount(side_of, areas, minlength=len(sides)).reshape(-1, 2)
-    footprints = Footprints.of(pieces, upper[~is_pair])
-    common = pieces.take(lower[~is_pair]).clipped([footprints]).areas
-    shared = np.bincount(owners[~is_pair], common, minlength=len(slabs))
-    for slab, *knot_areas in zip(slabs, *areas.T.tolist(), shared.tolist(), strict=True):
-        slab.knot_areas = tuple(knot_areas)
-        _bridge(slab)
+    areas = np.bincount(side_of, is_left * pieces.areas[starts[side_of] + place], len(sides))
+    lower, upper = members[~is_pair].T
+    common = pieces.take(lower).clipped([Footprints.of(pieces, upper)]).areas
+    shared = np.bincount(owners[~is_pair], common, len(slabs))
+    for slab, *knot_areas in zip(slabs, *areas.reshape(-1, 2).T.tolist(), shared, strict=True):
+        if slab.knots:
+            slab.knot_areas = tuple(knot_areas)
+            _bridge(slab)
     return slabs
 
 
@@ -304,6 +299,15 @@ def _meet(pieces: Regions, lower: NDArray[np.int64], upper: NDArray[np.int64]) -
 def _are_similar(areas: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
     ratios = areas / others
     return (ratios > MIN_AREA_RATIO) & (ratios < MAX_AREA_RATIO)
+
+
+def _are_images(pieces: Regions, members: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Tell whether two pieces each, shape (n, 2), may be one and the same a little higher."""
+    lower, upper = members.T
+    widths = pieces.boxes[:, 2:] - pieces.boxes[:, :2]
+    least, most = (take(widths[lower], widths[upper]) for take in (np.minimum, np.maximum))
+    are_similar = _are_similar(pieces.areas[lower], pieces.areas[upper])
+    return np.asarray(are_similar & (least > LEAST_WIDTH * most).all(axis=1))
 
 
 def _contour_pairs(slab: Slab, low: int, high: int) -> list[tuple[int, int]]:

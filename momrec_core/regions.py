@@ -81,6 +81,12 @@ class Regions:
         """Whether each region has any contour."""
         return np.diff(self.first) > 0
 
+    @cached_property
+    def begins(self) -> list[int]:
+        """The same as `first`, for access one by one."""
+        begins: list[int] = self.first.tolist()
+        return begins
+
     @property
     def areas(self) -> NDArray[np.float64]:
         """Area of each region."""

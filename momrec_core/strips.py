@@ -18,7 +18,8 @@ from momrec_core.view import View
 __all__ = ["Strips", "surface_strips"]
 
 MAX_VIEWS = 16  # that are sampled: their hull has about the same facets
-RAYS = 16  # lines of sight of each view
+MOST_RAYS = 16  # lines of sight of each view, and
+ALL_RAYS = 144  # of all views together, about
 MAX_RINGS = 32  # of a silhouette, those of most vertices
 MAX_VERTICES = 128  # of these rings, about: more are thinned out
 POINT_SINE = 1e-6  # a line of sight that another view sees as a point, to within so much
@@ -145,7 +146,7 @@ def _outlines(views: Sequence[View], middle: NDArray[np.float64]) -> _Outlines:
         directions,
         edges,
         depths,
-        np.repeat(np.arange(len(views)), RAYS),
+        np.repeat(np.arange(len(views)), len(origins) // len(views)),
     )
 
 
@@ -170,25 +171,26 @@ def _sampled(
 
     Returns
     -------
-    points, steps : array, shape (v, RAYS, 2)
+    points, steps : array, shape (v, r, 2)
         In image coordinates; the steps along the outline.
     """
     lengths = np.hypot(*rings.edges.T)
     reached = np.cumsum(lengths)
     totals = np.diff(reached[np.cumsum(numbers) - 1], prepend=0.0)
     begins = np.cumsum(totals) - totals
-    positions = begins[:, None] + totals[:, None] * (np.arange(RAYS) + 0.5) / RAYS
+    count = min(MOST_RAYS, -(-ALL_RAYS // len(numbers)))
+    positions = begins[:, None] + totals[:, None] * (np.arange(count) + 0.5) / count
     edges = np.searchsorted(reached, positions)
     along = rings.edges[edges] / lengths[edges][..., None]
     ends = rings.points[rings.following[edges], :2]
     points = ends - (reached[edges] - positions)[..., None] * along
-    return points, along * (totals / RAYS)[:, None, None]
+    return points, along * (totals / count)[:, None, None]
 
 
 def _lines_of_sight(
     views: Sequence[View], points: NDArray[np.float64], steps: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], ...]:
-    """Return origins, directions and steps in the world of lines of sight, shape (v * RAYS, 3).
+    """Return origins, directions and steps in the world of lines of sight, shape (v * r, 3).
 
     For parallel projection in metres; for a pinhole at a depth of one, where the camera is the
     origin of all.
@@ -197,7 +199,7 @@ def _lines_of_sight(
     positions = np.array([view.camera.position for view in views])[:, None]
     across = rotations[:, :, :2].transpose(0, 2, 1)
     origins, edges = positions + points @ across, steps @ across
-    directions = np.repeat(rotations[:, None, :, 2], RAYS, axis=1)
+    directions = np.repeat(rotations[:, None, :, 2], points.shape[1], axis=1)
     for index, view in enumerate(views):
         if view.camera.is_pinhole:
             both = np.concatenate([points[index], points[index] + steps[index]])
