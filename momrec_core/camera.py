@@ -34,7 +34,7 @@ def check_pose(pose: ArrayLike) -> NDArray[np.float64]:
         If the matrix has another shape, is not finite, or is no rigid motion.
     """
     checked = _finite_matrix(pose, (4, 4), "pose")
-    if not np.allclose(checked[3], (0.0, 0.0, 0.0, 1.0), rtol=0.0, atol=ROTATION_TOLERANCE):
+    if np.abs(checked[3] - (0.0, 0.0, 0.0, 1.0)).max() > ROTATION_TOLERANCE:
         raise InvalidCameraError(f"Expected [0, 0, 0, 1] as the pose's last row, got {checked[3]}")
     rotation = checked[:3, :3]
     deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()

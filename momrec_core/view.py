@@ -104,6 +104,8 @@ def region_from_rings(rings: Iterable[ArrayLike]) -> MultiPolygon:
             "Expected at least one ring of three distinct vertices that bounds an area, got "
             f"{len(checked)} rings with {vertices[:5]} distinct vertices"
         )
+    if len(kept) == 1 and isinstance(kept[0], Polygon):
+        return MultiPolygon(kept)
     region = _polygonal(reduce(shapely.symmetric_difference, kept))
     threshold = NEGLIGIBLE_AREA * region.area
     pieces = [
