@@ -14,6 +14,7 @@
 #include <string.h>
 
 enum { EDGES_A_CELL = 2, MOST_ROWS = 1000 }; /* of the grid in which edges are looked up */
+static const double MOST = 1e75;      /* of a coordinate: so that no product of four overflows */
 enum { MOST_LEFT_OUT = 16 }; /* vertices one after the other: so that time stays linear */
 
 /* Rings, one behind the other, and regions of rings, likewise; the inside is on their left. */
@@ -327,16 +328,21 @@ static void find_cell(const Outline *outline, const double *corner, int64_t *cel
 static void choose_cells(Outline *outline)
 {
     const Edges *edges = &outline->edges;
-    double spans[2] = {0.0, 0.0};
+    double spans[2] = {0.0, 0.0}, areas = 0.0;
     for (int64_t edge = 0; edge < edges->count; edge++) {
         const Box box = box_of(edges, edge);
         for (int axis = 0; axis < 2; axis++)
             spans[axis] += box.high[axis] - box.low[axis];
+        areas += (box.high[0] - box.low[0]) * (box.high[1] - box.low[1]);
     }
-    const double fair = lesser(sqrt((double)edges->count / EDGES_A_CELL), MOST_ROWS);
+    const double extents[2] = {edges->box.high[0] - edges->box.low[0],
+                               edges->box.high[1] - edges->box.low[1]};
+    const double whole = extents[0] * extents[1], count = (double)edges->count;
+    const double shared = areas > 0 ? count * whole / areas : INFINITY;
+    const double fair = lesser(sqrt(lesser(count / EDGES_A_CELL, shared)), MOST_ROWS);
     for (int axis = 0; axis < 2; axis++) {
-        const double extent = edges->box.high[axis] - edges->box.low[axis];
-        const double most = extent > 0 ? (double)edges->count * extent / spans[axis] : 0.0;
+        const double extent = extents[axis];
+        const double most = extent > 0 ? count * extent / spans[axis] : 0.0;
         outline->grid.counts[axis] = 1 + (int64_t)lesser(fair, most);
         outline->grid.per_unit[axis] = extent > 0 ? (double)outline->grid.counts[axis] / extent : 0;
     }
@@ -585,7 +591,8 @@ static int take_back(Room *room, Edges *region, size_t points, size_t ends)
     int64_t *numbers = (int64_t *)room->rings.items + ends - 1;
     if (kept == NULL)
         return 0;
-    memcpy(kept, (double *)room->points.items + 2 * points, count * 2 * sizeof(double));
+    if (count > 0)
+        memcpy(kept, (double *)room->points.items + 2 * points, count * 2 * sizeof(double));
     for (int64_t ring = rings[1]; ring >= 0; ring--)
         numbers[ring] -= numbers[0];
     const Regions result = {kept, numbers, rings, 1};
@@ -684,6 +691,15 @@ static double distance_squared(const double *start, const double *end, const dou
     return away[0] * away[0] + away[1] * away[1];
 }
 
+/* Return twice the area that a ring encloses, positive where it runs counter-clockwise. */
+static double doubled_area(const double *points, size_t count)
+{
+    double area = 0.0;
+    for (size_t vertex = 1; vertex + 1 < count; vertex++)
+        area += cross(points, points + 2 * vertex, points + 2 * vertex + 2);
+    return area;
+}
+
 /* Add a ring without the vertices that lie within a tolerance of the edge which that makes. */
 static int add_simplified(Room *room, const double *points, int64_t count, double tolerance)
 {
@@ -703,8 +719,11 @@ static int add_simplified(Room *room, const double *points, int64_t count, doubl
             return 0;
         anchor = vertex;
     }
-    if (room->points.count < begin + 3) {
-        room->points.count = begin;
+    const size_t left = room->points.count - begin;
+    const double area = doubled_area((double *)room->points.items + 2 * begin, left);
+    if (left < 3 || fabs(area) <= tolerance * tolerance
+        || (area > 0) != (doubled_area(points, (size_t)count) > 0)) {
+        room->points.count = begin; /* thinner than the tolerance, or even turned over */
         return 1;
     }
     return add_end(&room->rings, room->points.count);
@@ -769,16 +788,17 @@ static int are_ends(const Py_buffer *ends, int64_t last, int64_t least)
     if (count < 1 || values[0] != 0 || values[count - 1] != last)
         return 0;
     for (Py_ssize_t place = 1; place < count; place++)
-        if (values[place] < values[place - 1] + least)
+        if (values[place] > last || values[place] < values[place - 1] + least)
             return 0;
     return 1;
 }
 
-static int are_finite(const Py_buffer *numbers)
+/* Tell whether all numbers are finite, and none so large that what comes of them is not. */
+static int are_moderate(const Py_buffer *numbers)
 {
     const double *values = numbers->buf;
     for (Py_ssize_t place = 0; place < numbers->len / (Py_ssize_t)sizeof(double); place++)
-        if (!isfinite(values[place]))
+        if (!(fabs(values[place]) <= MOST))
             return 0;
     return 1;
 }
@@ -790,14 +810,15 @@ static int are_regions(const Py_buffer *views, Regions *regions)
     regions->regions = views[2].buf;
     regions->count = views[2].shape[0] - 1;
     return are_ends(&views[1], views[0].shape[0], 3)
-           && are_ends(&views[2], views[1].shape[0] - 1, 0) && are_finite(&views[0]);
+           && are_ends(&views[2], views[1].shape[0] - 1, 0) && are_moderate(&views[0]);
 }
 
 static int is_consistent(const Py_buffer *views, Work *work)
 {
     int good = are_regions(views + POINTS, &work->regions)
                && are_regions(views + OUTLINE_POINTS, &work->outlines)
-               && are_finite(&views[SCALES]) && are_finite(&views[SHIFTS]);
+               && are_moderate(&views[SCALES]) && are_moderate(&views[SHIFTS])
+               && work->tolerance >= 0 && work->tolerance <= MOST;
     const Py_ssize_t planes = work->regions.count, places = views[CHOSEN].shape[0];
     work->steps = planes > 0 ? places / planes : 0;
     good = good && places == work->steps * planes && views[SCALES].shape[0] == places
@@ -808,7 +829,7 @@ static int is_consistent(const Py_buffer *views, Work *work)
     work->done = views[DONE_STEPS].buf;
     for (Py_ssize_t place = 0; good && place < places; place++)
         good = work->chosen[place] >= 0 && work->chosen[place] < work->outlines.count
-               && work->scales[place] > 0;
+               && work->scales[place] >= 1 / MOST;
     for (Py_ssize_t plane = 0; good && plane < planes; plane++)
         good = work->done[plane] >= 0;
     return good;
@@ -840,7 +861,8 @@ static int get_all(PyObject *const *arguments, Py_ssize_t given, int count, Py_b
 static PyObject *reject(void)
 {
     PyErr_SetString(PyExc_ValueError,
-                    "Expected finite rings of three vertices or more, and arrays that agree");
+                    "Expected rings of three vertices or more, finite numbers up to 1e75, and "
+                    "arrays that agree");
     return NULL;
 }
 

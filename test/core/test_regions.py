@@ -1,6 +1,7 @@
 """Regions of many planes against GEOS and Clipper2."""
 
 import pickle
+import resource
 
 import numpy as np
 import pytest
@@ -123,6 +124,33 @@ def test_long_spikes_take_no_more_memory_than_vertices():
     assert clipped.areas[0] == pytest.approx(expected.area, rel=1e-9)
 
 
+def test_long_slanted_edges_take_no_more_memory_than_vertices():
+    arc = np.linspace(0, np.pi / 2, 60_000)
+    round_edge = np.column_stack([np.cos(arc), np.sin(arc)])
+    teeth = np.linspace(0, 0.9, 346)[:, None] * [0.0, 1.0] + 0.04
+    teeth[::2] = 1 - teeth[::2, ::-1]
+    comb = Regions.of_rings([[1000 * round_edge, 1000 * teeth]])
+    small = Regions.of_rings([[np.array([[5.0, 5.0], [6.0, 5.0], [5.0, 6.0]])]])
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    small.clipped([Footprints.as_they_are(comb)])
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 64 * 1024  # KiB
+
+
+def test_slivers_that_cleaning_would_turn_over_are_left_out():
+    sliver = np.array([[0.34, 0.05], [0.01, 0.11], [0.18, 0.02], [0.97, 0.16]])
+    block = np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]])
+    cleaned = Regions.of_rings([[sliver], [block, sliver[::-1]], [block]]).cleaned(0.1)
+    assert cleaned.rings.areas.tolist() == [324.0, 324.0]
+    pieces, ends = cleaned.apart()
+    assert ends.tolist() == [0, 0, 1, 2]
+    assert pieces.areas.tolist() == [324.0, 324.0]
+
+
+def test_rings_that_cleaning_leaves_no_area_are_left_out():
+    flat = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.0, 0.0]])
+    assert not Regions.of_rings([[flat]]).cleaned(0.1).is_met.any()
+
+
 @RELAXED
 @given(SEEDS, st.floats(1e-3, 5.0))
 def test_cleaned_rings_stay_within_the_tolerance(seed, tolerance):
@@ -237,7 +265,9 @@ GOOD = {
         ("chosen", np.array([1]), ValueError),
         ("chosen", np.array([-1]), ValueError),
         ("chosen", np.array([0.0]), TypeError),
+        ("outline_points", np.array([[-1.7e308, 0], [1.7e308, 0], [0, 1]]), ValueError),
         ("scales", np.array([0.0]), ValueError),
+        ("scales", np.array([1e-300]), ValueError),
         ("scales", np.array([np.nan]), ValueError),
         ("shifts", np.array([[np.inf, 0.0]]), ValueError),
         ("shifts", np.zeros((2, 2)), ValueError),
@@ -258,6 +288,11 @@ def test_a_call_without_all_arguments_is_refused():
         _clipping.clip(*GOOD.values(), "wide")
     with pytest.raises(ValueError, match=r"^Expected"):
         _clipping.hold(*list(GOOD.values())[:3], np.array([7]), np.zeros((1, 2)), np.zeros(1, bool))
+    beyond = np.array([0, 2**63 - 1, 3]), np.array([0, 2])
+    with pytest.raises(ValueError, match=r"^Expected"):
+        _clipping.hold(
+            GOOD["points"], *beyond, np.zeros(1, int), np.zeros((1, 2)), np.ones(1, bool)
+        )
     with pytest.raises(ValueError, match=r"^Expected"):
         _clipping.simplify(GOOD["points"], np.array([0, 4]), GOOD["regions"], 0.1)
 
