@@ -187,8 +187,8 @@ class Regions:
 
     def loops(self, region: int) -> list[NDArray[np.float64]]:
         """Return the contours of a region, each shape (n_i, 2)."""
-        ends = self.rings.first[self.first[region] : self.first[region + 1] + 1]
-        return [self.rings.points[low:high] for low, high in pairwise(ends.tolist())]
+        ends = self.rings.first[self.begins[region] : self.begins[region + 1] + 1].tolist()
+        return [self.rings.points[low:high] for low, high in pairwise(ends)]
 
     def section(self, region: int) -> CrossSection:
         """Return a region as a cross-section of Clipper2."""
@@ -216,8 +216,8 @@ class Regions:
         Notes
         -----
         Boundaries that cross clearly, each crossing and each vertex apart from everything else by
-        more than `CLEARANCE`, are joined at their crossings (Weiler and Atherton). Elsewhere a
-        step is left to Clipper2.
+        more than `CLEARANCE`, are joined at their crossings (Weiler and Atherton). From where
+        that is not so, a plane is left to Clipper2.
 
         References
         ----------
@@ -234,19 +234,17 @@ class Regions:
             np.concatenate([footprint.shifts for footprint in footprints]),
         )
         done = np.zeros(len(self), dtype=np.int64)
-        regions = self
-        while True:
-            arrays = clip(*regions.arrays, *outlines, *steps, done, CLEARANCE)
-            regions = _regions(*arrays)
-            doubtful = np.flatnonzero(done < len(footprints))
-            if len(doubtful) == 0:
-                return regions
-            sections = [
-                regions.section(plane) ^ footprints[done[plane]].section(plane)
-                for plane in doubtful.tolist()
-            ]
-            regions = regions.replaced(doubtful, Regions.of_sections(sections))
-            done[doubtful] += 1
+        regions = _regions(*clip(*self.arrays, *outlines, *steps, done, CLEARANCE))
+        doubtful = np.flatnonzero(done < len(footprints))
+        if len(doubtful) == 0:
+            return regions
+        sections = []
+        for plane in doubtful.tolist():
+            section = regions.section(plane)
+            for footprint in footprints[done[plane] :]:
+                section ^= footprint.section(plane)
+            sections.append(section)
+        return regions.replaced(doubtful, Regions.of_sections(sections))
 
     @property
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
@@ -288,8 +286,18 @@ class Footprints:
 
     def section(self, plane: int) -> CrossSection:
         """Return the footprint in a plane as a cross-section of Clipper2."""
-        outline = self.outlines.section(int(self.chosen[plane]))
-        return outline.scale(2 * (self.scales[plane],)).translate(self.shifts[plane])
+        which, scale = int(self.chosen[plane]), float(self.scales[plane])
+        if which not in self._sections:
+            self._sections[which] = self.outlines.section(which)
+        outline = self._sections[which]
+        if scale != 1.0:
+            outline = outline.scale((scale, scale))
+        return outline.translate(self.shifts[plane])
+
+    @cached_property
+    def _sections(self) -> dict[int, CrossSection]:
+        """Outlines as cross-sections, as far as they have been asked for."""
+        return {}
 
 
 def _regions(points: bytes, rings: bytes, first: bytes) -> Regions:
