@@ -25,8 +25,8 @@ typedef struct {
     const int64_t *first;  /* (rings + 1,): where each contour begins, and where the last ends */
     const int64_t *pairs;  /* (bands, 2): the contours below and above */
     const double *shifts;  /* (bands, 2): by which contours above are taken back */
-    int64_t *starts;       /* (bands, 2), out: the vertices at which the walks begin */
-    uint8_t *rises;        /* (steps,), out: walk by walk, 1 for a rise and 0 for a run */
+    int64_t *starts;       /* (bands, 2): the vertices at which the walks begin */
+    uint8_t *rises;        /* (steps,): walk by walk, 1 for a rise and 0 for a run */
     double *measures;      /* (bands, 2), out: area, and flux of (0, 0, z) upward */
     Py_ssize_t bands;
 } Work;
@@ -268,7 +268,7 @@ static void measure(const Path *low, const Path *high, const uint8_t *rises, dou
     measures[1] = flux;
 }
 
-/* Walk along all pairs; return whether the memory sufficed. */
+/* Walk along all pairs, or improve the walks there are; return whether the memory sufficed. */
 static int walk_all(const Work *work, int is_least)
 {
     uint8_t *rises = work->rises;
@@ -283,11 +283,13 @@ static int walk_all(const Work *work, int is_least)
             free(came);
             return 0;
         }
-        choose_start(work, band);
+        if (!is_least)
+            choose_start(work, band);
         const Path low = path_of(work, band, 0, room);
         const Path high = path_of(work, band, 1, room + 3 * (below + 1));
-        walk_greedily(&low, &high, rises);
-        if (is_least) {
+        if (!is_least) {
+            walk_greedily(&low, &high, rises);
+        } else {
             walk_least(&low, &high, room + 3 * vertices, came, rises);
             if (is_pinched(rises, below + above))
                 unpinch(rises, below + above);
@@ -464,7 +466,7 @@ static PyObject *walk(PyObject *const *arguments, Py_ssize_t count, int is_least
     int good = views[3].shape[0] == work.bands && views[4].shape[0] == work.bands
                && views[6].shape[0] == work.bands, is_done = 1;
     good = good && are_consistent(&work, views[1].shape[0] - 1, views[0].shape[0],
-                                  views[5].shape[0]);
+                                  views[5].shape[0]) && (!is_least || are_walks(&work));
     Py_BEGIN_ALLOW_THREADS
     is_done = !good || walk_all(&work, is_least);
     Py_END_ALLOW_THREADS
@@ -529,7 +531,7 @@ static PyObject *lay(PyObject *module, PyObject *const *arguments, Py_ssize_t co
 
 static PyMethodDef METHODS[] = {
     METHOD(greedy, "Walk by the shorter of the two diagonals."),
-    METHOD(least, "Walk so that the triangles have the least area in total."),
+    METHOD(least, "Improve walks so that the triangles have the least area in total."),
     METHOD(expect, "Measure pairs of contours for what they suggest of the bands between them."),
     METHOD(lay, "Write the triangles of walks."),
     {NULL, NULL, 0, NULL},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +12,6 @@ from momrec_core._bands import expect, greedy, lay, least
 from momrec_core.rings import Rings, number_within
 
 __all__ = ["Bands", "walk_bands"]
-
-_Way = Callable[..., None]
 
 VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
 DOUBTFUL_MISFIT = 0.05  # bands above are worth the second look
@@ -56,7 +53,7 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     S. P. Uselton, Optimal surface reconstruction from planar contours, 1977.
     """
     expected = _Expectations.of(rings, pairs)
-    walks = _walk(rings, pairs, np.zeros_like(expected.shift), greedy)
+    walks = _walk(rings, pairs, np.zeros_like(expected.shift))
     misfits = _misfits(walks, expected)
     doubtful = np.flatnonzero(misfits > DOUBTFUL_MISFIT)
     better, misfits[doubtful] = _second_look(
@@ -176,14 +173,22 @@ class Bands:
         return triangles, edges
 
 
-def _walk(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64], how: _Way) -> _Walks:
-    """Walk along all pairs of contours, those above shifted back."""
+def _walk(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
+    """Walk along all pairs of contours, those above shifted back, by the shorter diagonals."""
     steps = rings.counts[pairs].sum(axis=1)
     starts = np.empty_like(pairs)
     rises = np.empty(steps.sum(), dtype=bool)
     measures = np.empty((len(pairs), 2))
-    how(rings.points, rings.first, pairs, shifts, starts, rises, measures)
+    greedy(rings.points, rings.first, pairs, shifts, starts, rises, measures)
     return _Walks(pairs, starts, steps, rises, measures)
+
+
+def _of_least_area(rings: Rings, walks: _Walks) -> _Walks:
+    """Improve walks, those along the contours as they lie."""
+    starts, rises, measures = walks.starts.copy(), walks.rises.copy(), walks.measures.copy()
+    unshifted = np.zeros(measures.shape)
+    least(rings.points, rings.first, walks.pairs, unshifted, starts, rises, measures)
+    return _Walks(walks.pairs, starts, walks.steps, rises, measures)
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,8 +253,7 @@ def _second_look(
     rings: Rings, walks: _Walks, misfits: NDArray[np.float64], expected: _Expectations
 ) -> tuple[_Walks, NDArray[np.float64]]:
     """Return walks that fit better where there are some, and their misfits."""
-    for how, shifts in ((least, np.zeros_like(expected.shift)), (greedy, expected.shift)):
-        others = _walk(rings, walks.pairs, shifts, how)
+    for others in (_of_least_area(rings, walks), _walk(rings, walks.pairs, expected.shift)):
         walks, misfits = _better(walks, misfits, others, _misfits(others, expected))
     return walks, misfits
 

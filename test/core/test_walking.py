@@ -34,7 +34,8 @@ def walked(how, rings, shift=(0.0, 0.0)):
     rises = np.empty(len(rings.points), dtype=bool)
     measures = np.empty((1, 2))
     pairs = np.array([[0, 1]])
-    how(rings.points, rings.first, pairs, np.array([shift]), starts, rises, measures)
+    for way in (greedy, least) if how is least else (greedy,):
+        way(rings.points, rings.first, pairs, np.array([shift]), starts, rises, measures)
     return starts[0], rises, measures[0]
 
 
@@ -289,6 +290,15 @@ def test_arrays_that_do_not_agree_are_refused(change, error):
     for how in (greedy, least):
         with pytest.raises(error):
             how(*change(arrays))
+
+
+def test_only_walks_around_their_contours_are_improved():
+    rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
+    pairs, shifts, measures = np.array([[0, 1]]), np.zeros((1, 2)), np.empty((1, 2))
+    for starts, risen in (([[5, 0]], 5), ([[0, 4]], 5), ([[-1, 0]], 5), ([[0, 0]], 4)):
+        rises = np.arange(9) < risen
+        with pytest.raises(ValueError, match="arrays that agree"):
+            least(rings.points, rings.first, pairs, shifts, np.array(starts), rises, measures)
 
 
 def test_read_only_results_are_refused():
