@@ -20,6 +20,7 @@ __all__ = [
     "Slab",
     "Slabs",
     "layers_of_sections",
+    "pieces_of_layers",
     "without_flakes",
     "without_needless",
 ]
@@ -188,7 +189,7 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     counts = np.array([len(layer) for layer in sides], dtype=np.int64)
     if not counts.any():
         return slabs
-    pieces, starts = _all_pieces(sides)
+    pieces, starts = pieces_of_layers(sides)
     owners, places = _overlaps(pieces, starts, counts)
     members = starts.reshape(-1, 2)[owners] + places
     nodes = ends_of(counts)[:-1].reshape(-1, 2)[owners] + places
@@ -220,8 +221,11 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     return slabs
 
 
-def _all_pieces(layers: Sequence[Layer]) -> tuple[Regions, NDArray[np.int64]]:
-    """Return the pieces that layers are of, and where among them each layer's begin."""
+def pieces_of_layers(layers: Sequence[Layer]) -> tuple[Regions, NDArray[np.int64]]:
+    """Return the pieces that layers are of, and where among them each layer's begin.
+
+    Pieces of other layers may be among them.
+    """
     batches = {id(layer.batch): layer.batch for layer in layers}
     numbers = np.array([len(batch) for batch in batches.values()])
     starts = dict(zip(batches, ends_of(numbers).tolist(), strict=False))

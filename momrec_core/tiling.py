@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from momrec_core.knots import Knots, cap, join_knots
-from momrec_core.layers import Layer, Slab
+from momrec_core.layers import Layer, Slab, pieces_of_layers
 from momrec_core.manifolds import double_shared_edges
 from momrec_core.noding import Edges, find_contacts
 from momrec_core.rings import Rings, number_within
@@ -106,14 +106,15 @@ class _Contours:
 
     @classmethod
     def of_layers(cls, layers: Sequence[Layer]) -> _Contours:
-        counts = np.concatenate([layer.rings.counts for layer in layers])
-        heights = np.repeat(
-            [layer.offset for layer in layers], [len(layer.rings.points) for layer in layers]
-        )
-        plane = np.concatenate([layer.rings.points for layer in layers])
-        points = np.column_stack([plane, heights])
-        corners = Rings(points, np.concatenate([[0], np.cumsum(counts)]))
-        base = np.cumsum([0, *(len(layer.rings.counts) for layer in layers)])
+        pieces, starts = pieces_of_layers(layers)
+        counts = np.array([len(layer) for layer in layers])
+        owners, places = number_within(counts)
+        sections = pieces.take(starts[owners] + places).merged(counts)
+        rings = sections.rings
+        offsets = np.array([layer.offset for layer in layers])
+        heights = np.repeat(offsets, np.diff(rings.first[sections.first]))
+        points = np.column_stack([rings.points, heights])
+        corners, base = Rings(points, rings.first), sections.first
         count = len(points)
         numbers = np.arange(count)
         ends = np.arange(count + 1)
