@@ -13,13 +13,22 @@ import numpy as np
 import open3d
 import trimesh
 from manifold3d import Mesh64
+from numpy.typing import NDArray
 from reference import exact_hull
 from skimage.measure import marching_cubes
 from works import IMAGE, MaskedWork
 
 from momrec_core import View
 
-__all__ = ["Made", "Solid", "by_manifold", "by_open3d", "by_voxels", "measured"]
+__all__ = [
+    "Made",
+    "Solid",
+    "by_manifold",
+    "by_open3d",
+    "by_rejected_voxels",
+    "by_voxels",
+    "measured",
+]
 
 CELLS = 128  # voxels along the longest side of the box
 FAR = 1000.0  # object sizes: where a pinhole stands for parallel projection
@@ -50,27 +59,49 @@ def by_manifold(views: Sequence[View]) -> Mesh64:
 
 
 def by_voxels(work: MaskedWork) -> trimesh.Trimesh:
-    """Look every voxel's centre up in the masks until one rejects it; marching cubes of the rest.
+    """Look every voxel's centre up in every mask; marching cubes of what all show.
 
     What is outside of an image counts as its border, which is background.
     """
+    points = _centres(work)
+    inside = np.ones(len(points), dtype=bool)
+    for view, mask in zip(work.views, work.masks, strict=True):
+        inside &= _seen(points, view, mask, work.pixel)
+    return _surface(work, inside)
+
+
+def by_rejected_voxels(work: MaskedWork) -> trimesh.Trimesh:
+    """Look a voxel's centre up in the masks until one rejects it; marching cubes of the rest."""
+    points = _centres(work)
+    left = np.arange(len(points))
+    for view, mask in zip(work.views, work.masks, strict=True):
+        seen = _seen(points, view, mask, work.pixel)
+        points, left = points[seen], left[seen]
+    inside = np.zeros(CELLS**3, dtype=bool)
+    inside[left] = True
+    return _surface(work, inside)
+
+
+def _centres(work: MaskedWork) -> NDArray[np.float32]:
     step = work.size / CELLS
     axes = [(low + (np.arange(CELLS) + 0.5) * step).astype(np.float32) for low in work.low]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    left = np.arange(len(points))
-    middle = (np.array(IMAGE) - 1) / 2
-    last = np.array(IMAGE) - 1
-    for view, mask in zip(work.views, work.masks, strict=True):
-        in_pixels = view.camera.rotation[:, :2] / work.pixel
-        offset = middle - view.camera.position @ in_pixels
-        image = points @ in_pixels.astype(np.float32) + offset.astype(np.float32)
-        columns, rows = np.clip(np.rint(image).astype(np.int32), 0, last).T
-        seen = mask[rows, columns]
-        points, left = points[seen], left[seen]
-    cells = np.zeros(CELLS**3, np.float32)
-    cells[left] = 1.0
-    padded = np.pad(cells.reshape(CELLS, CELLS, CELLS), 1)
-    vertices, faces, _, _ = marching_cubes(padded, 0.5, spacing=(step, step, step))
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _seen(
+    points: NDArray[np.float32], view: View, mask: NDArray[np.bool_], pixel: float
+) -> NDArray[np.bool_]:
+    in_pixels = view.camera.rotation[:, :2] / pixel
+    offset = (np.array(IMAGE) - 1) / 2 - view.camera.position @ in_pixels
+    image = points @ in_pixels.astype(np.float32) + offset.astype(np.float32)
+    columns, rows = np.clip(np.rint(image).astype(np.int32), 0, np.array(IMAGE) - 1).T
+    return mask[rows, columns]
+
+
+def _surface(work: MaskedWork, inside: NDArray[np.bool_]) -> trimesh.Trimesh:
+    step = work.size / CELLS
+    cells = np.pad(inside.reshape(CELLS, CELLS, CELLS).astype(np.float32), 1)
+    vertices, faces, _, _ = marching_cubes(cells, 0.5, spacing=(step, step, step))
     return trimesh.Trimesh(vertices, faces, process=False)
 
 

@@ -36,7 +36,7 @@ def draw_times(times: Mapping[str, Mapping[str, float]], path: Path) -> None:
     height = ROW * sum(counts) + 0.55 * len(counts) + 0.75
     figure = blank_figure(8.0, height)
     panels = figure.subplots(len(counts), 1, sharex=True, height_ratios=counts, squeeze=False)
-    figure.subplots_adjust(left=0.17, right=0.96, top=1 - 0.4 / height, bottom=0.6 / height)
+    figure.subplots_adjust(left=0.25, right=0.96, top=1 - 0.4 / height, bottom=0.6 / height)
     figure.subplots_adjust(hspace=0.55)
     for axes, (name, ways) in zip(panels[:, 0], times.items(), strict=True):
         ordered = sorted(ways.items(), key=lambda item: -item[1])
