@@ -282,10 +282,16 @@ def _overlaps(
         owners = np.append(owners, np.full(len(found), slab))
         places = np.concatenate([places, found])
     lower, upper = (starts.reshape(-1, 2)[owners] + places).T
-    low, high = pieces.boxes[lower], pieces.boxes[upper]
-    meet = ((low[:, :2] < high[:, 2:]) & (high[:, :2] < low[:, 2:])).all(axis=1)
+    meet = _boxes_meet(pieces.boxes[lower], pieces.boxes[upper])
     meet[meet] = _meet(pieces, lower[meet], upper[meet])
     return owners[meet], places[meet]
+
+
+def _boxes_meet(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell whether boxes, shape (..., 4), have an area in common."""
+    return np.asarray(
+        ((low[..., :2] < high[..., 2:]) & (high[..., :2] < low[..., 2:])).all(axis=-1)
+    )
 
 
 def _meet(pieces: Regions, lower: NDArray[np.int64], upper: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -326,7 +332,8 @@ def _contour_pairs(slab: Slab, low: int, high: int) -> list[tuple[int, int]]:
     loops = [slab.below.rings.loop(hole) for hole in holes[0]]
     loops += [slab.above.rings.loop(hole) for hole in holes[1]]
     inside = Regions.of_rings([[loop[::-1]] for loop in loops])
-    lower, upper = np.indices((count, count)).reshape(2, -1)
+    meet = _boxes_meet(inside.boxes[:count, None], inside.boxes[count:])
+    lower, upper = np.divmod(np.flatnonzero(meet), count)
     meet = _meet(inside, lower, upper + count)
     lower, upper = lower[meet], upper[meet]
     if len(lower) != count or len(set(lower.tolist())) + len(set(upper.tolist())) != 2 * count:

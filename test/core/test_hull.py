@@ -2,6 +2,7 @@
 
 import copy
 import io
+import time
 from itertools import combinations
 
 import numpy as np
@@ -23,6 +24,8 @@ from momrec_core import (
     reconstruct,
     silhouette_of_mesh,
 )
+from momrec_core.layers import Slabs, layers_of_sections
+from momrec_core.regions import Regions
 from momrec_core.simulation import random_directions, simulate_views
 
 K = np.array([[800.0, 0.0, 320.0], [0.0, 800.0, 240.0], [0.0, 0.0, 1.0]])
@@ -230,6 +233,17 @@ def test_holes_and_pieces_are_those_of_the_object(mesh, euler, bodies):
     surface = reconstruct(views, 48).mesh()
     assert surface.euler_number == euler
     assert surface.body_count == bodies
+
+
+def test_thousands_of_holes_find_their_own_ones_without_trying_all_pairs():
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    corners = np.stack(np.divmod(np.arange(2500), 50), axis=-1)[:, None]
+    rings = [152.0 * square - 1, *(3.0 * corners + square[::-1])]
+    layers = layers_of_sections([0.0, 1.0], Regions.of_rings([rings, rings]))
+    start = time.process_time()
+    (slab,) = Slabs().between([tuple(layers)])
+    assert time.process_time() - start < 3.0  # half a second; several if all pairs are tried
+    assert slab.pairs == {(0, 0): [(ring, ring) for ring in range(2501)]}
 
 
 def test_views_from_the_same_side_wait_and_then_take_part():
