@@ -15,8 +15,6 @@
 
 enum { EDGES_A_CELL = 2, MOST_ROWS = 1000 }; /* of the grid in which edges are looked up */
 static const double MOST = 1e75;      /* of a coordinate: so that no product of four overflows */
-enum { WORTH_SHARING = 32 }; /* clips, with another core: fewer are done before it has begun */
-enum { FEW_PLACES = 32 }; /* that are sorted by inserting one after the other */
 enum { MOST_LEFT_OUT = 16 }; /* vertices one after the other: so that time stays linear */
 
 /* Rings, one behind the other, and regions of rings, likewise; the inside is on their left. */
@@ -411,13 +409,13 @@ static Outcome cross_cell(Room *room, const Side *sides, const Grid *grid, const
 static Outcome find_crossings(Room *room, const Side *sides, const Outline *outline,
                               double tolerance)
 {
-    const double per_scale = 1.0 / sides[1].scale, *shift = sides[1].shift;
+    const double scale = sides[1].scale, *shift = sides[1].shift;
     for (int64_t edge = 0; edge < sides[0].edges->count; edge++) {
         Entry entry = {.box = box_of(sides[0].edges, edge), .edge = edge};
         int64_t last[2];
         for (int axis = 0; axis < 2; axis++) { /* twice the tolerance, as this is rounded */
-            entry.box.low[axis] = (entry.box.low[axis] - shift[axis] - 2 * tolerance) * per_scale;
-            entry.box.high[axis] = (entry.box.high[axis] - shift[axis] + 2 * tolerance) * per_scale;
+            entry.box.low[axis] = (entry.box.low[axis] - shift[axis] - 2 * tolerance) / scale;
+            entry.box.high[axis] = (entry.box.high[axis] - shift[axis] + 2 * tolerance) / scale;
         }
         if (!boxes_meet(&entry.box, &outline->edges.box))
             continue;
@@ -445,22 +443,6 @@ static int in_order(const void *one, const void *other)
     return (first->at > second->at) - (first->at < second->at);
 }
 
-/* Sort places; few are, as they are found, almost in order along the first side. */
-static void sort_places(Place *places, size_t count)
-{
-    if (count > FEW_PLACES) {
-        qsort(places, count, sizeof(Place), in_order);
-        return;
-    }
-    for (size_t last = 1; last < count; last++) {
-        const Place place = places[last];
-        size_t at = last;
-        for (; at > 0 && in_order(&place, &places[at - 1]) < 0; at--)
-            places[at] = places[at - 1];
-        places[at] = place;
-    }
-}
-
 /* Find the crossing after each along one side's rings. */
 static Outcome link_crossings(Room *room, const Edges *edges, int which, double tolerance)
 {
@@ -472,7 +454,7 @@ static Outcome link_crossings(Room *room, const Edges *edges, int which, double 
     for (size_t place = 0; place < count; place++)
         places[place] = (Place){crossings[place].edge[which], crossings[place].at[which],
                                 (int64_t)place};
-    sort_places(places, count);
+    qsort(places, count, sizeof(Place), in_order);
     size_t first = 0; /* of the ring */
     for (size_t place = 0; place < count; place++) {
         const int64_t ring = edges->ring[places[place].edge];
@@ -657,29 +639,13 @@ static int clip_plane(const Work *work, Room *room, Outline *outlines, Py_ssize_
     return add_end(&room->regions, room->rings.count - 1);
 }
 
-static void free_room(Room *room)
+/* Clip all; return whether the memory sufficed. */
+static int clip_all(const Work *work, Room *room)
 {
-    List *const lists = (List *)room;
-    for (size_t place = 0; place < sizeof(Room) / sizeof(List); place++)
-        free(lists[place].items);
-}
-
-/* Some of the planes, and what becomes of them. */
-typedef struct {
-    const Work *work;
-    Py_ssize_t begin, end;
-    Room room;
-    int fits;                  /* whether the memory sufficed */
-    PyThread_type_lock is_due; /* held until they are done, if another thread clips them */
-} Share;
-
-static void clip_share(Share *share)
-{
-    const Work *work = share->work;
     Outline *outlines = calloc((size_t)work->outlines.count + 1, sizeof(Outline));
-    int fits = outlines != NULL && add_end(&share->room.rings, 0) && add_end(&share->room.regions, 0);
-    for (Py_ssize_t plane = share->begin; fits && plane < share->end; plane++)
-        fits = clip_plane(work, &share->room, outlines, plane);
+    int fits = outlines != NULL && add_end(&room->rings, 0) && add_end(&room->regions, 0);
+    for (Py_ssize_t plane = 0; fits && plane < work->regions.count; plane++)
+        fits = clip_plane(work, room, outlines, plane);
     for (Py_ssize_t which = 0; outlines && which < work->outlines.count; which++) {
         for (int list = 0; list < 3; list++)
             free(outlines[which].memory[list].items);
@@ -687,59 +653,6 @@ static void clip_share(Share *share)
         free(outlines[which].entries.items);
     }
     free(outlines);
-    share->fits = fits;
-}
-
-static void clip_in_thread(void *share)
-{
-    clip_share(share);
-    PyThread_release_lock(((Share *)share)->is_due);
-}
-
-/* Append numbers that count on from the last one of a list. */
-static int append_ends(List *list, const List *others)
-{
-    const int64_t last = ((int64_t *)list->items)[list->count - 1];
-    for (size_t place = 1; place < others->count; place++)
-        if (!add_end(list, (size_t)(last + ((int64_t *)others->items)[place])))
-            return 0;
-    return 1;
-}
-
-static int append_share(Room *room, const Room *others)
-{
-    const size_t count = room->points.count, more = others->points.count;
-    double *points = reserved(&room->points, count + more, 2 * sizeof(double));
-    if (points == NULL)
-        return 0;
-    if (more > 0)
-        memcpy(points + 2 * count, others->points.items, more * 2 * sizeof(double));
-    room->points.count += more;
-    return append_ends(&room->rings, &others->rings)
-           && append_ends(&room->regions, &others->regions);
-}
-
-/* Clip all, the latter half in another thread where that pays; return whether memory sufficed. */
-static int clip_all(const Work *work, Room *room)
-{
-    const Py_ssize_t count = work->regions.count;
-    Share first = {.work = work, .end = count}, last = {.work = work, .end = count};
-    if (count * work->steps >= WORTH_SHARING && (last.is_due = PyThread_allocate_lock()) != NULL) {
-        PyThread_acquire_lock(last.is_due, WAIT_LOCK);
-        first.end = last.begin = count / 2;
-        if (PyThread_start_new_thread(clip_in_thread, &last) == PYTHREAD_INVALID_THREAD_ID)
-            clip_in_thread(&last);
-    }
-    clip_share(&first);
-    int fits = first.fits;
-    if (last.is_due != NULL) {
-        PyThread_acquire_lock(last.is_due, WAIT_LOCK);
-        PyThread_release_lock(last.is_due);
-        PyThread_free_lock(last.is_due);
-        fits = fits && last.fits && append_share(&first.room, &last.room);
-        free_room(&last.room);
-    }
-    *room = first.room;
     return fits;
 }
 
@@ -830,6 +743,13 @@ static int simplify_all(const Regions *regions, double tolerance, Room *room)
             return 0;
     }
     return 1;
+}
+
+static void free_room(Room *room)
+{
+    List *const lists = (List *)room;
+    for (size_t place = 0; place < sizeof(Room) / sizeof(List); place++)
+        free(lists[place].items);
 }
 
 /* --- Python ------------------------------------------------------------------------------- */
