@@ -15,6 +15,7 @@
 
 enum { EDGES_A_CELL = 2, MOST_ROWS = 1000 }; /* of the grid in which edges are looked up */
 static const double MOST = 1e75;      /* of a coordinate: so that no product of four overflows */
+enum { FEW_PLACES = 32 }; /* that are sorted by inserting one after the other */
 enum { MOST_LEFT_OUT = 16 }; /* vertices one after the other: so that time stays linear */
 
 /* Rings, one behind the other, and regions of rings, likewise; the inside is on their left. */
@@ -409,13 +410,13 @@ static Outcome cross_cell(Room *room, const Side *sides, const Grid *grid, const
 static Outcome find_crossings(Room *room, const Side *sides, const Outline *outline,
                               double tolerance)
 {
-    const double scale = sides[1].scale, *shift = sides[1].shift;
+    const double per_scale = 1.0 / sides[1].scale, *shift = sides[1].shift;
     for (int64_t edge = 0; edge < sides[0].edges->count; edge++) {
         Entry entry = {.box = box_of(sides[0].edges, edge), .edge = edge};
         int64_t last[2];
         for (int axis = 0; axis < 2; axis++) { /* twice the tolerance, as this is rounded */
-            entry.box.low[axis] = (entry.box.low[axis] - shift[axis] - 2 * tolerance) / scale;
-            entry.box.high[axis] = (entry.box.high[axis] - shift[axis] + 2 * tolerance) / scale;
+            entry.box.low[axis] = (entry.box.low[axis] - shift[axis] - 2 * tolerance) * per_scale;
+            entry.box.high[axis] = (entry.box.high[axis] - shift[axis] + 2 * tolerance) * per_scale;
         }
         if (!boxes_meet(&entry.box, &outline->edges.box))
             continue;
@@ -443,6 +444,22 @@ static int in_order(const void *one, const void *other)
     return (first->at > second->at) - (first->at < second->at);
 }
 
+/* Sort places; few are, as they are found, almost in order along the first side. */
+static void sort_places(Place *places, size_t count)
+{
+    if (count > FEW_PLACES) {
+        qsort(places, count, sizeof(Place), in_order);
+        return;
+    }
+    for (size_t last = 1; last < count; last++) {
+        const Place place = places[last];
+        size_t at = last;
+        for (; at > 0 && in_order(&place, &places[at - 1]) < 0; at--)
+            places[at] = places[at - 1];
+        places[at] = place;
+    }
+}
+
 /* Find the crossing after each along one side's rings. */
 static Outcome link_crossings(Room *room, const Edges *edges, int which, double tolerance)
 {
@@ -454,7 +471,7 @@ static Outcome link_crossings(Room *room, const Edges *edges, int which, double 
     for (size_t place = 0; place < count; place++)
         places[place] = (Place){crossings[place].edge[which], crossings[place].at[which],
                                 (int64_t)place};
-    qsort(places, count, sizeof(Place), in_order);
+    sort_places(places, count);
     size_t first = 0; /* of the ring */
     for (size_t place = 0; place < count; place++) {
         const int64_t ring = edges->ring[places[place].edge];
