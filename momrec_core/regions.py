@@ -136,7 +136,7 @@ class Regions:
         return Regions(self.rings, self.first[ends_of(counts)])
 
     def apart(self) -> tuple[Regions, NDArray[np.int64]]:
-        """Take regions apart into pieces that are connected.
+        """Take regions apart into pieces that are connected; holes of no shell are left out.
 
         Returns
         -------
@@ -150,14 +150,24 @@ class Regions:
         ends = np.searchsorted(shells, self.first)
         if len(holes) == 0:
             return Regions(self.rings, np.arange(len(shells) + 1)), ends
+        has_shell = (np.diff(ends) > 0)[self.owners]
+        if not has_shell.all():
+            owned = self._of_contours(np.flatnonzero(has_shell), self.owners[has_shell], len(self))
+            return owned.apart()
         pieces = np.cumsum(is_shell) - 1
         for hole in holes.tolist():
             low, high = ends[self.owners[hole] :][:2].tolist()
             pieces[hole] = low + self._around(hole, shells[low:high]) if high - low > 1 else low
         order = np.lexsort([~is_shell, pieces])
-        vertices, _ = self.rings.around(order)
-        rings = Rings(self.rings.points[vertices], ends_of(self.rings.counts[order]))
-        return Regions(rings, ends_of(np.bincount(pieces, minlength=len(shells)))), ends
+        return self._of_contours(order, pieces, len(shells)), ends
+
+    def _of_contours(
+        self, contours: NDArray[np.int64], owners: NDArray[np.int64], count: int
+    ) -> Regions:
+        """Return so many regions of some of the contours, in order, each of those it owns."""
+        vertices, _ = self.rings.around(contours)
+        rings = Rings(self.rings.points[vertices], ends_of(self.rings.counts[contours]))
+        return Regions(rings, ends_of(np.bincount(owners, minlength=count)))
 
     def _around(self, hole: int, shells: NDArray[np.int64]) -> int:
         """Return which of several shells is the smallest one around a hole."""

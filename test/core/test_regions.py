@@ -197,6 +197,13 @@ def test_nested_pieces_keep_their_own_holes():
     assert_allclose(pieces.areas, expected)
 
 
+def test_holes_of_no_shell_are_left_out():
+    square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
+    pieces, ends = Regions.of_rings([[square[::-1]], [square, square[::-1] / 2 + 1]]).apart()
+    assert ends.tolist() == [0, 0, 1]
+    assert_allclose(pieces.areas, [12.0])
+
+
 @RELAXED
 @given(SEEDS)
 def test_points_are_held_where_geos_has_them_inside(seed):
