@@ -19,7 +19,7 @@ __all__ = ["Strips", "surface_strips"]
 
 MAX_VIEWS = 16  # that are sampled: their hull has about the same facets
 MOST_RAYS = 16  # lines of sight of each view, and
-ALL_RAYS = 96  # of all views together, about
+ALL_RAYS = 144  # of all views together, about
 MAX_RINGS = 32  # of a silhouette, those of most vertices
 MAX_VERTICES = 128  # of these rings, about: more are thinned out
 POINT_SINE = 1e-6  # a line of sight that another view sees as a point, to within so much
