@@ -97,6 +97,8 @@ def draw_growth(growths: Sequence[Growth], path: Path) -> None:
             axes.loglog(growth.counts, times, marker=marker, color=color, label=label)
         axes.set_title(f"{growth.name} ({growth.fixed})", fontsize=11, color=INK)
         axes.set_xlabel(growth.name)
+        axes.set_xticks(growth.counts, [f"{count:g}" for count in growth.counts])
+        axes.minorticks_off()
         axes.legend(frameon=False, fontsize=10)
         axes.grid(color=FAINT, alpha=0.4)
     panels[0].set_ylabel("milliseconds, median")
