@@ -36,7 +36,7 @@ def draw_times(times: Mapping[str, Mapping[str, float]], path: Path) -> None:
     height = ROW * sum(counts) + 0.55 * len(counts) + 0.75
     figure = blank_figure(8.0, height)
     panels = figure.subplots(len(counts), 1, sharex=True, height_ratios=counts, squeeze=False)
-    figure.subplots_adjust(left=0.25, right=0.96, top=1 - 0.4 / height, bottom=0.6 / height)
+    figure.subplots_adjust(left=0.3, right=0.96, top=1 - 0.4 / height, bottom=0.6 / height)
     figure.subplots_adjust(hspace=0.55)
     for axes, (name, ways) in zip(panels[:, 0], times.items(), strict=True):
         ordered = sorted(ways.items(), key=lambda item: -item[1])
@@ -44,7 +44,7 @@ def draw_times(times: Mapping[str, Mapping[str, float]], path: Path) -> None:
         bars = axes.barh([way for way, _ in ordered], [time for _, time in ordered], color=colors)
         ours = ways[OURS]
         labels = [
-            f"{time:.0f} ms" + ("" if way == OURS else f"   {time / ours:.0f} x")
+            f"{time:.0f} ms" + ("" if way == OURS else f"   {time / ours:.2g} x")
             for way, time in ordered
         ]
         axes.bar_label(bars, labels, padding=4, color=INK, fontsize=10)
