@@ -201,30 +201,35 @@ static int is_passed(const double *start, const double *end, const double *point
     return (cross(start, end, point) > 0) == (end[1] > start[1]);
 }
 
+/* Tell whether a point lies inside what rings bound; `rings` tells where they begin and end. */
+static int is_bounded(const double *points, const int64_t *rings, int64_t count,
+                      const double *point)
+{
+    int inside = 0;
+    for (int64_t ring = 0; ring < count; ring++) {
+        const double *start = points + 2 * (rings[ring + 1] - 1);
+        const double *end = points + 2 * rings[ring];
+        for (; end < points + 2 * rings[ring + 1]; start = end, end += 2)
+            inside ^= is_passed(start, end, point);
+    }
+    return inside;
+}
+
 /* Tell whether a point of the plane lies inside a side. */
 static int is_inside(const Side *side, const double *point)
 {
     const Edges *edges = side->edges;
     double own[2];
-    int inside = 0;
     for (int axis = 0; axis < 2; axis++)
         own[axis] = (point[axis] - side->shift[axis]) / side->scale;
-    for (int64_t edge = 0; edge < edges->count; edge++)
-        inside ^= is_passed(edges->points + 2 * edge, edges->points + 2 * edges->next[edge], own);
-    return inside;
+    return is_bounded(edges->points, edges->first, edges->rings, own);
 }
 
 /* Tell whether a point lies inside a region. */
 static int region_holds(const Regions *regions, int64_t region, const double *point)
 {
-    int inside = 0;
-    for (int64_t ring = regions->regions[region]; ring < regions->regions[region + 1]; ring++) {
-        const double *start = regions->points + 2 * (regions->rings[ring + 1] - 1);
-        const double *end = regions->points + 2 * regions->rings[ring];
-        for (; end < regions->points + 2 * regions->rings[ring + 1]; start = end, end += 2)
-            inside ^= is_passed(start, end, point);
-    }
-    return inside;
+    const int64_t *first = regions->regions + region;
+    return is_bounded(regions->points, regions->rings + first[0], first[1] - first[0], point);
 }
 
 /* --- crossings ---------------------------------------------------------------------------- */
@@ -675,22 +680,26 @@ static int clip_all(const Work *work, Room *room)
 
 /* --- measures ----------------------------------------------------------------------------- */
 
-/* Measure the area and the box of a region; seen from its first vertex, so that little cancels. */
+/* Return twice the area that a ring encloses, positive where it runs counter-clockwise. */
+static double doubled_area(const double *points, size_t count)
+{
+    double area = 0.0;
+    for (size_t vertex = 1; vertex + 1 < count; vertex++)
+        area += cross(points, points + 2 * vertex, points + 2 * vertex + 2);
+    return area;
+}
+
+/* Measure the area and the box of a region. */
 static void measure_region(const Regions *regions, int64_t region, double *area, Box *box)
 {
-    const int64_t *first = regions->rings + regions->regions[region];
+    const int64_t *ring = regions->rings + regions->regions[region];
     const int64_t *last = regions->rings + regions->regions[region + 1];
-    const double *origin = regions->points + 2 * *first;
     *area = 0.0;
     *box = EMPTY;
-    for (; first < last; first++) {
-        const double *start = regions->points + 2 * (first[1] - 1);
-        for (int64_t vertex = first[0]; vertex < first[1]; vertex++) {
-            const double *end = regions->points + 2 * vertex;
-            *area += cross(start, end, origin) / 2;
-            include(box, end);
-            start = end;
-        }
+    for (; ring < last; ring++) {
+        *area += doubled_area(regions->points + 2 * ring[0], (size_t)(ring[1] - ring[0])) / 2;
+        for (int64_t vertex = ring[0]; vertex < ring[1]; vertex++)
+            include(box, regions->points + 2 * vertex);
     }
 }
 
@@ -706,15 +715,6 @@ static double distance_squared(const double *start, const double *end, const dou
     for (int axis = 0; axis < 2; axis++)
         away[axis] -= along * span[axis];
     return away[0] * away[0] + away[1] * away[1];
-}
-
-/* Return twice the area that a ring encloses, positive where it runs counter-clockwise. */
-static double doubled_area(const double *points, size_t count)
-{
-    double area = 0.0;
-    for (size_t vertex = 1; vertex + 1 < count; vertex++)
-        area += cross(points, points + 2 * vertex, points + 2 * vertex + 2);
-    return area;
 }
 
 /* Add a ring without the vertices that lie within a tolerance of the edge which that makes. */

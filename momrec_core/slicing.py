@@ -12,7 +12,6 @@ from copy import copy
 from dataclasses import dataclass
 from functools import partial
 
-import manifold3d
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,7 +44,6 @@ CENTRE_DISTANCE = 1e-4  # units: a plane nearer to a camera centre is taken as i
 REGION_FACTOR = 3.0  # safety on the size that two views suggest, for cones that meet far outside
 MAX_WEIGHED = 16  # views whose directions are weighed: 120 common lines are dense enough
 SOUND_SINE = 0.2  # of the angle between two views whose common line is worth turning to
-EVEN_ODD = manifold3d.FillRule.EvenOdd
 
 
 def viewing_direction(view: View) -> NDArray[np.float64]:
@@ -525,11 +523,8 @@ def _prism(view: View, family: PlaneFamily) -> ViewingVolume:
 
 def _one_region(points: NDArray[np.float64], view: View) -> Regions:
     """Make a region of a view's outline, given where its vertices are in the plane."""
-    first = view.outline.first
-    (x, y), (next_x, next_y) = points.T, points[view.outline.following].T
-    if (x * next_y - y * next_x).sum() < 0:  # seen from behind: the inside is on the right
-        points, first = points[::-1], len(points) - first[::-1]
-    return Regions(Rings(points, first), np.array([0, len(first) - 1]))
+    rings = Rings(points, view.outline.first)
+    return Regions.facing_left(rings, np.array([0, len(view.outline.counts)]))
 
 
 def _cone(view: View, family: PlaneFamily) -> ViewingVolume:

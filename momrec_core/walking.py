@@ -82,8 +82,7 @@ def _excess(below: CrossSection, above: CrossSection) -> float:
 
 
 def _region(rings: Rings, ring: int) -> CrossSection:
-    loop = rings.points[rings.first[ring] : rings.first[ring + 1], :2]
-    return CrossSection([loop], FillRule.EvenOdd)
+    return CrossSection([rings.loop(ring)[:, :2]], FillRule.EvenOdd)
 
 
 @dataclass(frozen=True, eq=False)
