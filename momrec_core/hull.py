@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections import deque
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any, Self
@@ -60,7 +62,8 @@ WEIGHED_PLANES = 9  # evenly chosen ones tell the hull's extents well enough
 LEANING_POWER = 2  # of facets, beside the extent: measured, area errors follow it about like that
 FEWEST_TO_TURN = 3  # views: two slice along their common line
 SETTLED = ("_family", "_pair", "_levels", "_prepared", "_is_turned")  # what settling changes
-SETTLED_AT = frozenset(4**power for power in range(2, 16))  # views: seldom, as it costs like all
+MOST_AT_ONCE = 64  # views that sections are clipped with: bounds the memory for their outlines
+SETTLED_AT = tuple(4**power for power in range(2, 16))  # views: seldom, as it costs like all
 MAX_SPARE = 8  # silhouettes to spare: each costs as much as the hull itself
 
 
@@ -150,22 +153,55 @@ class VisualHull:
         InvalidContourError
             If it is no `View`; the hull is as before.
         """
-        if not isinstance(view, View):
-            raise InvalidContourError(f"Expected a View, got {type(view).__name__}")
-        self._resume()
-        if self._family is None:
-            self.views.append(view)
-            self._begin()
-        elif self.emptied_by is None:
-            self._clip(view, self._family)
-        else:
-            self.views.append(view)
+        self.extend([view])
 
-    def _clip(self, view: View, family: PlaneFamily) -> None:
+    def extend(self, views: Iterable[View]) -> None:
+        """Intersect the hull with more viewing volumes: the same as `add` for each.
+
+        All at once is up to twice as fast as one by one.
+
+        Parameters
+        ----------
+        views : iterable of View
+            In the order of their arrival.
+
+        Raises
+        ------
+        InvalidContourError
+            If one is no `View`; the hull is as before.
+        """
+        waiting = deque(views)
+        for view in waiting:
+            if not isinstance(view, View):
+                raise InvalidContourError(f"Expected a View, got {type(view).__name__}")
+        self._resume()
+        while waiting:
+            if self._family is None:
+                self.views.append(waiting.popleft())
+                self._begin()
+            elif self.emptied_by is None:
+                count = min(len(waiting), MOST_AT_ONCE, self._until_settled())
+                self._clip([waiting.popleft() for _ in range(count)], self._family)
+            else:
+                self.views.append(waiting.popleft())
+
+    def _until_settled(self) -> int:
+        """Return how many views may come until the planes are to be settled."""
+        until: int = SETTLED_AT[bisect_right(SETTLED_AT, len(self.views))]
+        return until - len(self.views)
+
+    def _clip(self, views: Sequence[View], family: PlaneFamily) -> None:
+        """Clip with all views at once, unless the planes have to be looked at after each."""
         before = self._sections
-        self._prepared = self._intersection(family).with_view(view)
-        self.views.append(view)
-        self._levels = clip_levels(self._levels, self._prepared.volumes[0], family.offsets)
+        prepared = self._intersection(family).with_views(views)
+        newest_last = prepared.volumes[: len(views)][::-1]
+        levels = clip_levels(self._levels, newest_last, family.offsets, in_turn=True)
+        if len(views) > 1 and self._is_sparse(levels[-1]):
+            for view in views:
+                self.extend([view])
+            return
+        self._prepared, self._levels = prepared, levels
+        self.views.extend(views)
         self._after_clipping(before)
         if len(self.views) in SETTLED_AT:
             self._settle()
@@ -208,15 +244,17 @@ class VisualHull:
 
         The hull was where the sections before met it; without them, it may be anywhere.
         """
-        occupied = _occupied(self._sections)
-        if len(occupied) >= SPARSE_SHARE * self._count:
+        if not self._is_sparse(self._sections):
             return
-        if len(occupied) == 0:
+        if not self._sections.is_met.any():
             planes = np.arange(self._count) if before is None else _occupied(before)
             if not self._search_between(planes):
                 self.emptied_by = len(self.views) - 1
                 return
         self._fit()
+
+    def _is_sparse(self, sections: Regions) -> bool:
+        return bool(np.count_nonzero(sections.is_met) < SPARSE_SHARE * self._count)
 
     def _search_between(self, previous: NDArray[np.int64]) -> bool:
         """Look between the planes for a hull thinner than their spacing."""
@@ -509,6 +547,5 @@ def reconstruct(views: Iterable[View], slices: int = 64, *, spare: int = 0) -> V
     hull : VisualHull
     """
     hull = VisualHull(slices, spare=spare)
-    for view in views:
-        hull.add(view)
+    hull.extend(views)
     return hull

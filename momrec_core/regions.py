@@ -220,14 +220,15 @@ class Regions:
         sections = [self.section(place) + others.section(place) for place in both.tolist()]
         return joined.replaced(both, Regions.of_sections(sections))
 
-    def clipped(self, footprints: Sequence[Footprints]) -> Regions:
+    def clipped(self, footprints: Sequence[Footprints], *, in_turn: bool = False) -> Regions:
         """Return what these regions have in common with all of some footprints, plane by plane.
 
         Notes
         -----
         Boundaries that cross clearly, each crossing and each vertex apart from everything else by
         more than `CLEARANCE`, are joined at their crossings (Weiler and Atherton). From where
-        that is not so, a plane is left to Clipper2.
+        that is not so, a plane is left to Clipper2; if footprints are taken in turn, for one of
+        them, so that the result is the same as if it were asked for after each.
 
         References
         ----------
@@ -244,17 +245,21 @@ class Regions:
             np.concatenate([footprint.shifts for footprint in footprints]),
         )
         done = np.zeros(len(self), dtype=np.int64)
-        regions = _regions(*clip(*self.arrays, *outlines, *steps, done, CLEARANCE))
-        doubtful = np.flatnonzero(done < len(footprints))
-        if len(doubtful) == 0:
-            return regions
-        sections = []
-        for plane in doubtful.tolist():
-            section = regions.section(plane)
-            for footprint in footprints[done[plane] :]:
-                section ^= footprint.section(plane)
-            sections.append(section)
-        return regions.replaced(doubtful, Regions.of_sections(sections))
+        regions = self
+        while (done < len(footprints)).any():
+            regions = _regions(*clip(*regions.arrays, *outlines, *steps, done, CLEARANCE))
+            doubtful = np.flatnonzero(done < len(footprints))
+            sections = []
+            for plane in doubtful.tolist():
+                section = regions.section(plane)
+                end = done[plane] + 1 if in_turn else len(footprints)
+                for footprint in footprints[done[plane] : end]:
+                    section ^= footprint.section(plane)
+                sections.append(section)
+                done[plane] = end
+            if sections:
+                regions = regions.replaced(doubtful, Regions.of_sections(sections))
+        return regions
 
     @property
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:

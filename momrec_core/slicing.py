@@ -340,10 +340,11 @@ class Intersection:
         self.family = family
         self.volumes = [viewing_volume(view, family) for view in reversed(others)]
 
-    def with_view(self, view: View) -> Intersection:
-        """Return the intersection with one more viewing volume."""
+    def with_views(self, views: Sequence[View]) -> Intersection:
+        """Return the intersection with more viewing volumes."""
         joined = copy(self)
-        joined.volumes = [viewing_volume(view, self.family), *self.volumes]
+        newer = [viewing_volume(view, self.family) for view in reversed(views)]
+        joined.volumes = [*newer, *self.volumes]
         return joined
 
     def cut(self, offsets: NDArray[np.float64]) -> Regions:
@@ -355,12 +356,7 @@ class Intersection:
 
         The newest views come first, as they leave the least.
         """
-        levels = self._start(offsets)
-        if len(levels) == 1:
-            return [levels[0].clipped([volume(offsets) for volume in self.volumes])]
-        for volume in self.volumes:
-            levels = clip_levels(levels, volume, offsets)
-        return levels
+        return clip_levels(self._start(offsets), self.volumes, offsets)
 
 
 def _whole_region(count: int, offsets: NDArray[np.float64]) -> Levels:
@@ -386,8 +382,7 @@ def _intersected_pair(
         volumes = [viewing_volume(view, family) for view in (first, second)]
 
         def cut_cones(offsets: NDArray[np.float64]) -> Levels:
-            levels = clip_levels(_whole_region(1, offsets), volumes[0], offsets)
-            return clip_levels(levels, volumes[1], offsets)
+            return clip_levels(_whole_region(1, offsets), volumes, offsets)
 
         return cut_cones
 
@@ -452,8 +447,14 @@ class _Raster:
         return spans[wide], np.bincount(lines[wide], minlength=len(offsets))
 
 
-def clip_levels(levels: Levels, volume: ViewingVolume, offsets: NDArray[np.float64]) -> Levels:
-    """Clip every cross-section with one more viewing volume.
+def clip_levels(
+    levels: Levels,
+    volumes: Sequence[ViewingVolume],
+    offsets: NDArray[np.float64],
+    *,
+    in_turn: bool = False,
+) -> Levels:
+    """Clip every cross-section with more viewing volumes, one after the other.
 
     Projecting a plane into an image, clipping there and projecting back is one affine map for
     parallel projection and one homography for a pinhole, so the silhouette is brought into the
@@ -464,22 +465,32 @@ def clip_levels(levels: Levels, volume: ViewingVolume, offsets: NDArray[np.float
     ----------
     levels : list of Regions
         What the views before have left, for every number of them that may be spared, from 0.
-    volume : function
-        The viewing volume to clip with, see `viewing_volume`.
+    volumes : sequence of functions
+        The viewing volumes to clip with, see `viewing_volume`.
     offsets : array, shape (n,)
         Where the planes are, in units.
+    in_turn : bool, default False
+        Whether the result is to be that of one volume after the other to the last bit.
 
     Returns
     -------
     levels : list of Regions
     """
     met = np.flatnonzero(levels[-1].is_met)
-    footprints = [volume(offsets[met])]
-    before = [sections.take(met) for sections in levels]
-    clipped = [sections.clipped(footprints) for sections in before]
-    for number in range(1, len(levels)):
-        clipped[number] = clipped[number].united(before[number - 1])
+    footprints = [volume(offsets[met]) for volume in volumes]
+    clipped = [sections.take(met) for sections in levels]
+    if len(levels) == 1:
+        clipped = [clipped[0].clipped(footprints, in_turn=in_turn)]
+    else:
+        for footprint in footprints:
+            clipped = _clipped_once(clipped, footprint)
     return [sections.replaced(met, cut) for sections, cut in zip(levels, clipped, strict=True)]
+
+
+def _clipped_once(levels: Levels, footprints: Footprints) -> Levels:
+    clipped = [sections.clipped([footprints]) for sections in levels]
+    unions = (cut.united(less) for cut, less in zip(clipped[1:], levels, strict=False))
+    return [clipped[0], *unions]
 
 
 def viewing_volume(view: View, family: PlaneFamily) -> ViewingVolume:

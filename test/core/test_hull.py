@@ -335,6 +335,10 @@ def _scaled(view, factor):
 def test_what_is_no_view_and_too_few_slices_are_refused():
     with pytest.raises(InvalidContourError, match="Expected a View, got int"):
         VisualHull().add(3)
+    hull = VisualHull()
+    with pytest.raises(InvalidContourError, match="Expected a View, got str"):
+        hull.extend([*turntable(trimesh.creation.box(), 2), "view"])
+    assert hull.views == []
     for slices in (1, 2.5, "64", None, float("nan")):
         with pytest.raises(ValueError, match="whole number of at least 2 slices, got"):
             VisualHull(slices)
@@ -477,6 +481,27 @@ def test_the_hull_does_not_depend_on_when_it_was_asked_for(height):
     assert np.array_equal(asked.plane_frame, once.plane_frame)
     assert np.array_equal(asked.offsets, once.offsets)
     assert np.array_equal(asked.mesh().vertices, once.mesh().vertices)
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.integers(0, 2))
+@settings(max_examples=25, deadline=None)
+def test_views_at_once_give_the_hull_of_one_after_the_other(seed, is_central, wrong):
+    rng = np.random.default_rng(seed)
+    mesh = random_solid(rng)
+    views = ring_of_cameras(mesh, 18, 0.5) if is_central else simulate_views(mesh, 18, rng)
+    aside = trimesh.creation.icosphere(radius=0.1 * mesh.scale).apply_translation(mesh.centroid)
+    for place, smaller in zip(rng.integers(3, 18, wrong), (1.0, 0.2), strict=False):
+        seen = aside.copy().apply_translation(smaller * rng.normal(size=3) * mesh.scale)
+        views[place] = silhouette_of_mesh(seen, views[place].camera)
+    hull = VisualHull(24)
+    for view in views:
+        hull.add(view)
+    at_once = reconstruct(views, 24)
+    assert at_once.views == hull.views
+    assert at_once.emptied_by == hull.emptied_by
+    if hull.emptied_by is None:
+        assert np.array_equal(at_once.offsets, hull.offsets)
+        assert at_once.sections == hull.sections
 
 
 def test_volume_and_area_do_not_depend_on_the_order_of_pinholes():
