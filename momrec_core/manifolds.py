@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-__all__ = ["double_shared_edges"]
+from momrec_core._meeting import crowded
 
-ODD_RANKS = (0 * 9 + 2 * 3 + 1, 1 * 9 + 0 * 3 + 2, 2 * 9 + 1 * 3 + 0)  # odd permutations of 0 1 2
+__all__ = ["double_shared_edges"]
 
 
 def double_shared_edges(
@@ -38,13 +38,15 @@ def double_shared_edges(
     triangles : array of int, shape (m', 3)
         Every edge is shared by exactly two of them.
     """
-    suspicious = _sharing_edges(len(points), triangles, sound)
+    is_crowded = np.empty(len(triangles), dtype=bool)
+    crowded(triangles, is_crowded, sound, len(points))
+    suspicious = np.flatnonzero(is_crowded)
     if len(suspicious) == 0:
         return points, triangles
-    suspects = _without_flaps(triangles[suspicious])
-    whole = np.delete(triangles, suspicious, axis=0)
-    points, triangles = _compact(points, np.concatenate([whole, suspects]))
-    whole, suspects = np.split(triangles, [len(whole)])
+    kept = suspicious[_are_no_flaps(triangles[suspicious])]
+    triangles = triangles.take(np.concatenate([np.flatnonzero(~is_crowded), kept]), axis=0)
+    points, triangles = _compact(points, triangles)
+    whole, suspects = np.split(triangles, [len(triangles) - len(kept)])
     order, first, counts = _group_edges(len(points), suspects)
     shared = np.flatnonzero(counts > 2)
     if len(shared) == 0:
@@ -68,22 +70,6 @@ def double_shared_edges(
     return _split_vertices(
         np.concatenate([points, middles]), np.concatenate([whole, suspects, *parts]), ends
     )
-
-
-def _sharing_edges(count: int, triangles: NDArray[np.int64], sound: int) -> NDArray[np.int64]:
-    """Return the triangles of a closed surface with an edge that is used twice in a direction."""
-    is_met = np.zeros(count, dtype=bool)
-    is_met[triangles[sound:]] = True
-    first, second, third = is_met[triangles[:sound]].T
-    meeting = np.flatnonzero((first & (second | third)) | (second & third))
-    candidates = np.concatenate([meeting, np.arange(sound, len(triangles))])
-    heads, tails = triangles[candidates].ravel(), triangles[candidates][:, [1, 2, 0]].ravel()
-    edges = heads * count + tails
-    ordered = np.sort(edges)
-    repeated = ordered[1:][ordered[1:] == ordered[:-1]]
-    tail, head = np.divmod(repeated, count)
-    is_shared = np.isin(edges, np.concatenate([repeated, head * count + tail]))
-    return candidates[is_shared.reshape(-1, 3).any(axis=1)]
 
 
 def _split_vertices(
@@ -124,27 +110,25 @@ def _group_edges(
     return order, first, np.diff(first, append=len(edges))
 
 
-def _without_flaps(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Leave out pairs of triangles that lie upon each other, back to back."""
-    ranks = np.argsort(triangles, axis=1)
-    corners = np.take_along_axis(triangles, ranks, axis=1)
-    odd = np.isin(ranks @ (9, 3, 1), ODD_RANKS)
-    _, groups = np.unique(corners, axis=0, return_inverse=True)
-    groups = groups.ravel()
-    excess = np.bincount(groups, weights=np.where(odd, -1.0, 1.0))
-    return np.asarray(triangles[excess[groups] != 0])
+def _are_no_flaps(triangles: NDArray[np.int64]) -> list[bool]:
+    """Tell which triangles do not lie upon others, back to back."""
+    keys = [tuple(sorted(corners)) for corners in triangles.tolist()]
+    rises = (triangles < triangles[:, [1, 2, 0]]).sum(axis=1)  # 2 as in 0, 1, 2; 1 as in 2, 1, 0
+    balance: Counter[tuple[int, ...]] = Counter()
+    for key, count in zip(keys, rises.tolist(), strict=True):
+        balance[key] += 1 if count > 1 else -1
+    return [balance[key] != 0 for key in keys]
 
 
 def _compact(
     points: NDArray[np.float64], triangles: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Leave out the points that no triangle uses."""
-    is_used = np.zeros(len(points), dtype=bool)
-    is_used[triangles] = True
+    is_used = np.bincount(triangles.ravel(), minlength=len(points)) > 0
     if is_used.all():
         return points, triangles
     numbers = np.cumsum(is_used) - 1
-    return points[is_used], numbers[triangles]
+    return points.take(np.flatnonzero(is_used), axis=0), numbers[triangles]
 
 
 def _fan(triangle: NDArray[np.int64], inserted: dict[int, int]) -> NDArray[np.int64]:

@@ -1,8 +1,15 @@
 """Surfaces that touch themselves become edge-manifold, and keep their shape."""
 
-import numpy as np
-import trimesh
+from collections import Counter
 
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import Delaunay
+
+from momrec_core._meeting import crowded
 from momrec_core.manifolds import double_shared_edges
 
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
@@ -47,3 +54,67 @@ def test_a_manifold_surface_is_left_as_it_is():
     vertices, triangles = double_shared_edges(mesh.vertices, mesh.faces)
     assert vertices is mesh.vertices
     assert triangles is mesh.faces
+
+
+def random_bodies(rng, count):
+    """Return points, and so many outward tetrahedra between them that meet but do not overlap."""
+    points = rng.normal(size=(12, 3))
+    corners = rng.permutation(Delaunay(points).simplices.astype(np.int64))[:count]
+    spans = points[corners[:, 1:]] - points[corners[:, :1]]
+    is_inward = np.linalg.det(spans) < 0
+    corners[is_inward, :2] = corners[is_inward, 1::-1]
+    used, triangles = np.unique(corners[:, TETRAHEDRON], return_inverse=True)
+    return points[used], triangles.reshape(-1, 3)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 20))
+@settings(max_examples=60, deadline=None)
+def test_bodies_that_meet_anyhow_become_manifold_and_keep_their_volume(seed, count):
+    rng = np.random.default_rng(seed)
+    points, triangles = random_bodies(rng, count)
+    vertices, surface = double_shared_edges(points, rng.permutation(triangles))
+    assert (edge_counts(surface) == 2).all()
+    assert np.array_equal(np.unique(surface), np.arange(len(vertices)))
+    mesh = trimesh.Trimesh(vertices, surface, process=False)
+    assert mesh.is_winding_consistent
+    expected = trimesh.Trimesh(points, triangles, process=False).volume
+    assert np.isclose(mesh.volume, expected)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 20))
+@settings(max_examples=60, deadline=None)
+def test_crowded_triangles_are_those_whose_edges_count_more_than_two(seed, count):
+    rng = np.random.default_rng(seed)
+    points, triangles = random_bodies(rng, count)
+    sides = [
+        [frozenset(side) for side in ((a, b), (b, c), (c, a))] for a, b, c in triangles.tolist()
+    ]
+    uses = Counter(side for own in sides for side in own)
+    expected = [any(uses[side] > 2 for side in own) for own in sides]
+    for sound in (0, len(TETRAHEDRON)):  # a body shares no edge with itself
+        is_crowded = np.ones(len(triangles), dtype=bool)
+        crowded(triangles, is_crowded, sound, len(points))
+        assert is_crowded.tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "error"),
+    [
+        (0, np.array([[0, 1, 4]]), ValueError),
+        (0, np.array([[0, 1, -1]]), ValueError),
+        (0, np.array([[0, 1]]), TypeError),
+        (1, np.zeros(2, dtype=bool), ValueError),
+        (2, 2, ValueError),
+        (2, -1, ValueError),
+        (3, 2, ValueError),
+        (3, "all", TypeError),
+    ],
+)
+def test_triangles_that_do_not_fit_are_refused(place, value, error):
+    arguments = [np.array([[0, 1, 2]]), np.zeros(1, dtype=bool), 1, 3]
+    crowded(*arguments)
+    arguments[place] = value
+    with pytest.raises(error):
+        crowded(*arguments)
+    with pytest.raises(TypeError, match=r"^Expected 2 arrays"):
+        crowded(np.array([[0, 1, 2]]), 1, 3)
