@@ -63,7 +63,7 @@ setup(
             depends=["momrec_core/_arrays.h"],
             extra_compile_args=["-O3", "-fno-math-errno"],  # square roots of several at once
         )
-        for name in ("_bands", "_clipping", "_covering", "_meeting")
+        for name in sorted(path.stem for path in Path("momrec_core").glob("_*.c"))
     ],
     data_files=shared_files(),
     python_requires=">=3.11",

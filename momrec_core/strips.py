@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from momrec_core._strips import bound
 from momrec_core.rings import Rings, ends_of
 from momrec_core.view import View
 
@@ -75,9 +76,9 @@ class _Outlines:
     Attributes
     ----------
     rings : Rings
-        Homogeneous image points of all views.
-    ring_views : array of int, shape (n,)
-        The view of each vertex.
+        The outlines in their images, view by view.
+    first : array of int, shape (views + 1,)
+        The first ring of each view, and the number of rings.
     origins, directions, edges : array, shape (r, 3)
         Points and directions of the lines of sight, and how far each is from the next one there,
         in the world.
@@ -88,12 +89,45 @@ class _Outlines:
     """
 
     rings: Rings
-    ring_views: NDArray[np.int64]
+    first: NDArray[np.int64]
     origins: NDArray[np.float64]
     directions: NDArray[np.float64]
     edges: NDArray[np.float64]
     depths: NDArray[np.float64]
     views: NDArray[np.int64]
+
+    def bounding_parts(
+        self, matrices: NDArray[np.float64], spare: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the parts of lines of sight that are in just enough of the other volumes.
+
+        Parameters
+        ----------
+        matrices : array, shape (views, 3, 4)
+            From homogeneous points of the world to those of each image.
+        spare : int
+            How many volumes a part may be outside of.
+
+        Returns
+        -------
+        rays : array of int, shape (m,)
+            Numbers of lines of sight.
+        low, high : array, shape (m,)
+            Where the parts begin and end, in lengths of their directions.
+        """
+        rays, ends = bound(
+            self.rings.points,
+            self.rings.first,
+            self.first,
+            matrices.reshape(-1, 4),
+            self.origins,
+            np.ascontiguousarray(self.directions),
+            self.views,
+            spare,
+            POINT_SINE,
+        )
+        low, high = np.frombuffer(ends).reshape(-1, 2).T
+        return np.frombuffer(rays, dtype=np.int64), low, high
 
 
 def surface_strips(views: Sequence[View], middle: NDArray[np.float64], spare: int = 0) -> Strips:
@@ -122,7 +156,7 @@ def surface_strips(views: Sequence[View], middle: NDArray[np.float64], spare: in
     chosen = [views[number] for number in numbers]
     outlines = _outlines(chosen, middle)
     matrices = np.array([view.camera.matrix for view in chosen])
-    rays, low, high = _bounding_parts(outlines, matrices, spare)
+    rays, low, high = outlines.bounding_parts(matrices, spare)
     is_pinhole = np.array([view.camera.is_pinhole for view in chosen])[outlines.views[rays]]
     near, far = (np.maximum(outlines.depths[rays] + ends, 0.0) for ends in (low, high))
     lengths = np.where(is_pinhole, (far**2 - near**2) / 2, high - low)
@@ -136,12 +170,12 @@ def _outlines(views: Sequence[View], middle: NDArray[np.float64]) -> _Outlines:
     points = np.concatenate([rings.points for rings in thinned])
     counts = np.concatenate([rings.counts for rings in thinned])
     numbers = np.array([len(rings.points) for rings in thinned])
-    rings = Rings(np.column_stack([points, np.ones(len(points))]), ends_of(counts))
+    rings = Rings(points, ends_of(counts))
     origins, directions, edges = _lines_of_sight(views, *_sampled(rings, numbers))
     depths = ((middle - origins) * directions).sum(axis=1) / (directions**2).sum(axis=1)
     return _Outlines(
         rings,
-        np.repeat(np.arange(len(views)), numbers),
+        ends_of(np.array([len(rings.counts) for rings in thinned])),
         origins + depths[:, None] * directions,
         directions,
         edges,
@@ -182,7 +216,7 @@ def _sampled(
     positions = begins[:, None] + totals[:, None] * (np.arange(count) + 0.5) / count
     edges = np.searchsorted(reached, positions)
     along = rings.edges[edges] / lengths[edges][..., None]
-    ends = rings.points[rings.following[edges], :2]
+    ends = rings.points[rings.following[edges]]
     points = ends - (reached[edges] - positions)[..., None] * along
     return points, along * (totals / count)[:, None, None]
 
@@ -207,88 +241,3 @@ def _lines_of_sight(
             origins[index] = positions[index]
             directions[index], edges[index] = starts, stops - starts
     return origins.reshape(-1, 3), directions.reshape(-1, 3), edges.reshape(-1, 3)
-
-
-def _bounding_parts(
-    outlines: _Outlines, matrices: NDArray[np.float64], spare: int
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the parts of lines of sight that are in just enough of the other volumes.
-
-    Returns
-    -------
-    rays : array of int, shape (m,)
-        Numbers of lines of sight.
-    low, high : array, shape (m,)
-        Where the parts begin and end, in lengths of their directions.
-    """
-    starts = matrices[:, :, :3] @ outlines.origins.T + matrices[:, :, 3:]
-    slopes = matrices[:, :, :3] @ outlines.directions.T
-    lines = np.cross(starts, slopes, axis=1)
-    sizes = np.linalg.norm(starts, axis=1) * np.linalg.norm(slopes, axis=1)
-    is_met = np.linalg.norm(lines, axis=1) > POINT_SINE * sizes
-    is_met[outlines.views, np.arange(len(outlines.views))] = False
-    pairs, positions = _crossings(outlines, starts, slopes, lines, is_met)
-    order = np.lexsort([positions, pairs])
-    pairs, positions = pairs[order], positions[order]
-    steps = 1 - 2 * (np.arange(len(pairs)) % 2)  # each pair has an even number
-    rays = pairs % len(outlines.views)
-    order = np.lexsort([positions, rays])
-    rays, positions = rays[order], positions[order]
-    inside = np.cumsum(steps[order])
-    just_enough = is_met.sum(axis=0) - spare
-    is_part = (inside == just_enough[rays])[:-1] & (rays[:-1] == rays[1:])
-    parts = np.flatnonzero(is_part & np.isfinite(positions[:-1]) & np.isfinite(positions[1:]))
-    return rays[parts], positions[parts], positions[parts + 1]
-
-
-def _crossings(
-    outlines: _Outlines,
-    starts: NDArray[np.float64],
-    slopes: NDArray[np.float64],
-    lines: NDArray[np.float64],
-    is_met: NDArray[np.bool_],
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Find where lines of sight enter and leave viewing volumes.
-
-    Parameters
-    ----------
-    outlines : _Outlines
-        Of v views, with r lines of sight.
-    starts, slopes : array, shape (v, 3, r)
-        Homogeneous images of the lines' points, and how they change along the lines.
-    lines : array, shape (v, 3, r)
-        The lines' images.
-    is_met : array of bool, shape (v, r)
-        Which views to look at.
-
-    Returns
-    -------
-    pairs : array of int, shape (m,)
-        View times r plus line of sight; each an even number of times.
-    positions : array, shape (m,)
-        In lengths of the lines' directions.
-    """
-    points, following = outlines.rings.points, outlines.rings.following
-    parts = np.split(points, np.flatnonzero(np.diff(outlines.ring_views)) + 1)
-    sides = np.concatenate([part @ line for part, line in zip(parts, lines, strict=True)])
-    is_left = sides > 0
-    crosses = (is_left != is_left[following]) & is_met[outlines.ring_views]
-    edges, rays = np.divmod(np.flatnonzero(crosses), len(outlines.views))
-    pairs = outlines.ring_views[edges] * len(outlines.views) + rays
-    here, there = sides[edges, rays], sides[following[edges], rays]
-    (x, y, _), (next_x, next_y, _) = points[edges].T, points[following[edges]].T
-    fraction = here / (here - there)
-    x, y = x + fraction * (next_x - x), y + fraction * (next_y - y)
-    start_x, start_y, start_z = (starts[:, axis].ravel()[pairs] for axis in range(3))
-    slope_x, slope_y, slope_z = (slopes[:, axis].ravel()[pairs] for axis in range(3))
-    offset_x, offset_y = start_x - start_z * x, start_y - start_z * y
-    change_x, change_y = slope_x - slope_z * x, slope_y - slope_z * y
-    squares = change_x**2 + change_y**2
-    is_near = squares > 0  # the rest is where lines vanish
-    along = -(offset_x * change_x + offset_y * change_y) / np.where(is_near, squares, 1.0)
-    is_ahead = is_near & (start_z + along * slope_z > 0)
-    pairs, positions = pairs[is_ahead], along[is_ahead]
-    odd = np.flatnonzero(np.bincount(pairs, minlength=is_met.size) % 2)
-    view, ray = np.divmod(odd, len(outlines.views))
-    beyond = np.copysign(np.inf, slopes[view, 2, ray])  # inside where the line vanishes
-    return np.concatenate([pairs, odd]), np.concatenate([positions, beyond])
