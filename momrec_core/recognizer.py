@@ -7,6 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -82,7 +83,7 @@ class ObjectResult:
         """Area of the mesh, square metres."""
         return float(self.canonical.moments[0, 0, 0] / self.canonical.scale**2)
 
-    @property
+    @cached_property
     def volume(self) -> float:
         """Volume within the mesh, cubic metres."""
         return enclosed_volume(self.canonical.mesh) / self.canonical.scale**3
