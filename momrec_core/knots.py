@@ -23,8 +23,9 @@ import manifold3d
 import numpy as np
 from numpy.typing import NDArray
 
+from momrec_core._filling import fill
 from momrec_core.regions import Regions
-from momrec_core.rings import Rings, number_within
+from momrec_core.rings import Rings, ends_of, number_within
 
 __all__ = ["Knots", "cap", "join_knots"]
 
@@ -76,8 +77,8 @@ def cap(points: NDArray[np.float64], contours: list[NDArray[np.int64]]) -> NDArr
     triangles : array of int, shape (m, 3)
         Each edge of a contour is used once, in its direction, and all others in pairs.
     """
-    loops = [points[contour, :2] for contour in contours]
-    return np.asarray(np.concatenate(contours)[manifold3d.triangulate(loops)])
+    loops = Rings(np.concatenate(contours), ends_of(np.array([len(it) for it in contours])))
+    return _triangulated(points, loops, np.array([0, len(contours)]), np.ones(1, dtype=bool))
 
 
 def join_knots(
@@ -319,16 +320,33 @@ def _fill(
     yield np.where(is_up[:, None], leads, leads[:, ::-1])
     sequence, loops = _cycles(following, np.lexsort([faces_up, borders.knots]))
     edges, owners = borders[sequence].edges()
-    vertices = edges[:, 0]
-    plane = points[vertices, :2]
     ends = np.searchsorted(loops[owners], np.arange(loops[-1] + 2))
     leaders = sequence[np.searchsorted(loops, np.arange(loops[-1] + 1))]
-    regions = 2 * borders.knots[leaders] + faces_up[leaders]
-    bounds = [*np.flatnonzero(np.diff(regions, prepend=-1)).tolist(), len(regions)]
-    for begin, end in pairwise(bounds):
-        outlines = [plane[low:high] for low, high in pairwise(ends[begin : end + 1])]
-        triangles = vertices[ends[begin] + manifold3d.triangulate(outlines)]
-        yield triangles if regions[begin] % 2 else triangles[:, ::-1]
+    keys = 2 * borders.knots[leaders] + faces_up[leaders]
+    first = np.flatnonzero(np.diff(keys, prepend=-1))
+    outlines = Rings(edges[:, 0].copy(), ends)
+    regions = np.append(first, len(keys))
+    yield _triangulated(points, outlines, regions, faces_up[leaders[first]])
+
+
+def _triangulated(
+    points: NDArray[np.float64],
+    outlines: Rings,
+    regions: NDArray[np.int64],
+    faces_up: NDArray[np.bool_],
+) -> NDArray[np.int64]:
+    """Triangulate regions, each from one of the outlines to another, facing up or down."""
+    vertices, ends = outlines.points, outlines.first
+    triangles = np.empty((len(vertices) + 2 * len(ends) - 2, 3), dtype=np.int64)
+    counts = np.empty(len(faces_up), dtype=np.int64)
+    fill(points, vertices, ends, regions, faces_up, triangles, counts)
+    parts = [triangles[: counts[counts > 0].sum()]]
+    for region in np.flatnonzero(counts < 0):
+        bounds = ends[regions[region] : regions[region + 1] + 1].tolist()
+        plane = [points[vertices[low:high], :2] for low, high in pairwise(bounds)]
+        doubtful = vertices[bounds[0] + manifold3d.triangulate(plane)]
+        parts.append(doubtful if faces_up[region] else doubtful[:, ::-1])
+    return np.concatenate(parts)
 
 
 def _following(
