@@ -77,8 +77,9 @@ def cap(points: NDArray[np.float64], contours: list[NDArray[np.int64]]) -> NDArr
     triangles : array of int, shape (m, 3)
         Each edge of a contour is used once, in its direction, and all others in pairs.
     """
-    loops = Rings(np.concatenate(contours), ends_of(np.array([len(it) for it in contours])))
-    return _triangulated(points, loops, np.array([0, len(contours)]), np.ones(1, dtype=bool))
+    ends = ends_of(np.array([len(contour) for contour in contours]))
+    whole, is_up = np.array([0, len(contours)]), np.ones(1, dtype=bool)
+    return _triangulated(points, np.concatenate(contours), ends, whole, is_up)
 
 
 def join_knots(
@@ -324,19 +325,18 @@ def _fill(
     leaders = sequence[np.searchsorted(loops, np.arange(loops[-1] + 1))]
     keys = 2 * borders.knots[leaders] + faces_up[leaders]
     first = np.flatnonzero(np.diff(keys, prepend=-1))
-    outlines = Rings(edges[:, 0].copy(), ends)
     regions = np.append(first, len(keys))
-    yield _triangulated(points, outlines, regions, faces_up[leaders[first]])
+    yield _triangulated(points, edges[:, 0].copy(), ends, regions, faces_up[leaders[first]])
 
 
 def _triangulated(
     points: NDArray[np.float64],
-    outlines: Rings,
+    vertices: NDArray[np.int64],
+    ends: NDArray[np.int64],
     regions: NDArray[np.int64],
     faces_up: NDArray[np.bool_],
 ) -> NDArray[np.int64]:
-    """Triangulate regions, each from one of the outlines to another, facing up or down."""
-    vertices, ends = outlines.points, outlines.first
+    """Triangulate regions, each from one of the outlines that end at `ends` to another."""
     triangles = np.empty((len(vertices) + 2 * len(ends) - 2, 3), dtype=np.int64)
     counts = np.empty(len(faces_up), dtype=np.int64)
     fill(points, vertices, ends, regions, faces_up, triangles, counts)
