@@ -63,6 +63,11 @@ class Rings:
         return following
 
     @cached_property
+    def reversed(self) -> Rings:
+        """The same contours, the last one first, each the other way around."""
+        return Rings(self.points[::-1], self.first[-1] - self.first[::-1])
+
+    @cached_property
     def edges(self) -> NDArray[np.float64]:
         """Vectors in the plane from each vertex to the one after it, shape (n, 2)."""
         plane = self.points[:, :2]

@@ -521,8 +521,11 @@ def _prism(view: View, family: PlaneFamily) -> ViewingVolume:
     origin = (family.frame[:3, 3] - camera.position) @ camera.rotation[:, :2] / family.unit
     planes_from_image = np.linalg.inv(image_from_planes[:, :2])
     shift = -planes_from_image @ image_from_planes[:, 2]
-    points = (view.outline.points / family.unit - origin) @ planes_from_image.T
-    outline = _one_region(points, view)
+    rings = view.outline
+    if camera.rotation[:, 2] @ family.frame[:3, 2] < 0:  # the plane is seen from its other side
+        rings = rings.reversed
+    points = (rings.points / family.unit - origin) @ planes_from_image.T
+    outline = Regions(Rings(points, rings.first), np.array([0, len(rings.counts)]))
 
     def volume(offsets: NDArray[np.float64]) -> Footprints:
         count = len(offsets)
@@ -530,12 +533,6 @@ def _prism(view: View, family: PlaneFamily) -> ViewingVolume:
         return Footprints(outline, chosen, scales, offsets[:, None] * shift)
 
     return volume
-
-
-def _one_region(points: NDArray[np.float64], view: View) -> Regions:
-    """Make a region of a view's outline, given where its vertices are in the plane."""
-    rings = Rings(points, view.outline.first)
-    return Regions.facing_left(rings, np.array([0, len(view.outline.counts)]))
 
 
 def _cone(view: View, family: PlaneFamily) -> ViewingVolume:
@@ -547,8 +544,8 @@ def _cone(view: View, family: PlaneFamily) -> ViewingVolume:
     deepest = far * (lowest if lowest > 0 else min(highest, 0.0))  # plane that meets all rays
     whole = Regions.of_rings([[]])
     if deepest:
-        outline = deepest * rays[:, :2] / rays[:, 2:]
-        whole = _one_region(outline, view)
+        outline = Rings(deepest * rays[:, :2] / rays[:, 2:], view.outline.first)
+        whole = Regions.facing_left(outline, np.array([0, len(outline.counts)]))
 
     def volume(offsets: NDArray[np.float64]) -> Footprints:
         heights = offsets - position[2]
