@@ -31,6 +31,13 @@ typedef struct {
     Py_ssize_t bands;
 } Work;
 
+/* The vertices around contours, with those that have been put on their edges. */
+typedef struct {
+    const int64_t *order;    /* (m,) */
+    const int64_t *ends;     /* (n + 1,): where in `order` each of the contours' own vertices is */
+    const uint8_t *is_laid;  /* (bands,): between which of the contours there are triangles */
+} Divisions;
+
 /* A contour from the vertex that a walk begins at, and back to it; x and y shifted. */
 typedef struct {
     int64_t count;
@@ -369,8 +376,22 @@ static void expect_all(const Work *work, double *expected)
     }
 }
 
-/* Write the triangles of walks, and for each the vertex that its edge of a contour starts from. */
-static void lay_all(const Work *work, int64_t *triangles, int64_t *edges)
+/* Write the triangles over an edge of a contour, divided where vertices have been put on it. */
+static int64_t *lay_over(const Divisions *divisions, int64_t edge, int64_t end, int64_t apex,
+                         int is_above, int64_t *triangles)
+{
+    const int64_t last = divisions->ends[edge + 1] - 1;
+    for (int64_t place = divisions->ends[edge]; place <= last; place++, triangles += 3) {
+        const int64_t here = divisions->order[place];
+        triangles[0] = is_above ? apex : here;
+        triangles[1] = place < last ? divisions->order[place + 1] : end;
+        triangles[2] = is_above ? here : apex;
+    }
+    return triangles;
+}
+
+/* Write the triangles of walks. */
+static void lay_all(const Work *work, const Divisions *divisions, int64_t *triangles)
 {
     const uint8_t *rises = work->rises;
     for (Py_ssize_t band = 0; band < work->bands; band++) {
@@ -383,15 +404,13 @@ static void lay_all(const Work *work, int64_t *triangles, int64_t *edges)
             next[side] = at[side] == last[side] ? first[side] : at[side] + 1;
             steps += count_of(work, ring);
         }
-        for (int64_t step = 0; step < steps; step++, triangles += 3) {
-            const int side = !*rises++;
-            triangles[0] = at[0];
-            triangles[1] = next[side];
-            triangles[2] = at[1];
-            *edges++ = at[side];
+        for (int64_t step = 0; step < steps && divisions->is_laid[band]; step++) {
+            const int side = !rises[step];
+            triangles = lay_over(divisions, at[side], next[side], at[!side], side, triangles);
             at[side] = next[side];
             next[side] = at[side] == last[side] ? first[side] : at[side] + 1;
         }
+        rises += steps;
     }
 }
 
@@ -437,6 +456,24 @@ static int are_walks(const Work *work)
             return 0;
     }
     return 1;
+}
+
+/* Tell whether so many vertices lie around the contours, which make so many triangles. */
+static int are_divisions(const Work *work, const Divisions *divisions, Py_ssize_t own,
+                         Py_ssize_t vertices, Py_ssize_t triangles)
+{
+    const int64_t *ends = divisions->ends;
+    if (own < 0 || ends[0] < 0 || ends[own] > vertices)
+        return 0;
+    for (Py_ssize_t vertex = 0; vertex < own; vertex++)
+        if (ends[vertex] > ends[vertex + 1])
+            return 0;
+    for (Py_ssize_t place = 0; place < 2 * work->bands; place++) {
+        const int64_t *first = work->first + work->pairs[place];
+        if (divisions->is_laid[place / 2])
+            triangles -= ends[first[1]] - ends[first[0]];
+    }
+    return triangles == 0;
 }
 
 /* End a call: release the arrays, and return None or raise what was wrong. */
@@ -507,24 +544,26 @@ static PyObject *lay(PyObject *module, PyObject *const *arguments, Py_ssize_t co
 {
     (void)module;
     const ArrayKind expected[] = {
-        FIRST, PAIRS, {"starts", 'q', 2, 0}, {"rises", '?', 0, 0},
-        {"triangles", 'q', 3, 1}, {"edges", 'q', 0, 1},
+        FIRST, PAIRS, {"starts", 'q', 2, 0}, {"rises", '?', 0, 0}, {"is_laid", '?', 0, 0},
+        {"order", 'q', 0, 0}, {"ends", 'q', 0, 0}, {"triangles", 'q', 3, 1},
     };
-    Py_buffer views[6];
-    if (!get_arrays(arguments, count, expected, 6, views))
+    Py_buffer views[8];
+    if (!get_arrays(arguments, count, expected, 8, views))
         return NULL;
     const Work work = {.first = views[0].buf, .pairs = views[1].buf, .starts = views[2].buf,
                        .rises = views[3].buf, .bands = views[1].shape[0]};
-    const Py_ssize_t steps = views[3].shape[0];
-    const int good = views[2].shape[0] == work.bands && views[4].shape[0] == steps
-                     && views[5].shape[0] == steps
-                     && are_consistent(&work, views[0].shape[0] - 1, PY_SSIZE_T_MAX, steps)
-                     && are_walks(&work);
+    const Divisions divisions = {views[5].buf, views[6].buf, views[4].buf};
+    const Py_ssize_t own = views[6].shape[0] - 1;
+    const int good = views[2].shape[0] == work.bands && views[4].shape[0] == work.bands
+                     && are_consistent(&work, views[0].shape[0] - 1, own, views[3].shape[0])
+                     && are_walks(&work)
+                     && are_divisions(&work, &divisions, own, views[5].shape[0],
+                                      views[7].shape[0]);
     Py_BEGIN_ALLOW_THREADS
     if (good)
-        lay_all(&work, views[4].buf, views[5].buf);
+        lay_all(&work, &divisions, views[7].buf);
     Py_END_ALLOW_THREADS
-    return ended(views, 6, good, 1);
+    return ended(views, 8, good, 1);
 }
 
 #define METHOD(name, text) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, text}

@@ -33,7 +33,9 @@ def lay(
     pairs: NDArray[np.int64],
     starts: NDArray[np.int64],
     rises: NDArray[np.bool_],
+    is_laid: NDArray[np.bool_],
+    order: NDArray[np.int64],
+    ends: NDArray[np.int64],
     triangles: NDArray[np.int64],
-    edges: NDArray[np.int64],
     /,
 ) -> None: ...

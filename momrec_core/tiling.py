@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +14,12 @@ from momrec_core.knots import Knots, cap, join_knots
 from momrec_core.layers import Layer, Slab, pieces_of_layers
 from momrec_core.manifolds import double_shared_edges
 from momrec_core.noding import Edges, find_contacts
-from momrec_core.rings import Rings, number_within
-from momrec_core.walking import walk_bands
+from momrec_core.rings import Rings, ends_of, number_within
+from momrec_core.walking import Bands, walk_bands
 
 __all__ = ["tile"]
 
-CORNER = -1  # owner of the vertices that a contour has of itself
+_Scalar = TypeVar("_Scalar", np.float64, np.int64)
 
 
 def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -42,16 +43,15 @@ def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]
         Closed, edge-manifold, facing outward.
     """
     contours = _Contours.of_layers([slabs[0].below, *(slab.above for slab in slabs)])
-    bands, edges, groups = _bands(contours, slabs)
+    bands, is_sound, groups = _bands(contours, slabs)
     joins = [group for group in groups if group.below and group.above]
-    links = contours.insert_contacts(joins)
-    contours.settle()
+    contours, links = contours.with_contacts(joins)
     joined, failed = join_knots(contours.points, contours.knots(joins, links))
-    banded = _divided(contours, bands, edges)
-    triangles = [banded, joined]
     alone = (group for group in groups if not (group.below and group.above))
-    triangles.extend(_caps(contours, [*alone, *(joins[index] for index in failed)]))
-    return double_shared_edges(contours.points, np.concatenate(triangles), sound=len(banded))
+    caps = _caps(contours, [*alone, *(joins[index] for index in failed)])
+    others = np.concatenate([joined, *caps])
+    triangles = bands.triangles(is_sound, contours.order, contours.ends, others)
+    return double_shared_edges(contours.points, triangles, sound=len(triangles) - len(others))
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class _Group:
     above: list[range]
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _Contours:
     """The contours of all layers, with the vertices that their neighbours need on them.
 
@@ -79,27 +79,21 @@ class _Contours:
     ----------
     corners : Rings
         The contours as they are cut, shape (n, 3).
-    base : array of int, shape (layers,)
-        The first contour of each layer.
+    base : array of int, shape (layers + 1,)
+        The first contour of each layer, and the number of contours.
     points : array, shape (m, 3)
         The corners, contour by contour, then the inserted vertices.
-    edges : array of int, shape (m,)
-        The edge that a vertex lies on, numbered as the corner that it starts from.
-    along : array, shape (m,)
-        Where on that edge, 0 to 1; 0 for corners.
-    owners : array of int, shape (m,)
-        The slab that a vertex was inserted for, or `CORNER`.
+    owners : array of int, shape (m - n,)
+        The slab that each inserted vertex is there for.
     order : array of int, shape (m,)
         The vertices contour by contour, in their order around it.
     ends : array of int, shape (n + 1,)
-        Where in this order the vertices on each edge begin.
+        Where in this order the vertices on each edge begin, the corner that it starts from first.
     """
 
     corners: Rings
     base: NDArray[np.int64]
     points: NDArray[np.float64]
-    edges: NDArray[np.int64]
-    along: NDArray[np.float64]
     owners: NDArray[np.int64]
     order: NDArray[np.int64]
     ends: NDArray[np.int64]
@@ -107,52 +101,47 @@ class _Contours:
     @classmethod
     def of_layers(cls, layers: Sequence[Layer]) -> _Contours:
         pieces, starts = pieces_of_layers(layers)
-        counts = np.array([len(layer) for layer in layers])
-        owners, places = number_within(counts)
-        sections = pieces.take(starts[owners] + places).merged(counts)
-        rings = sections.rings
-        offsets = np.array([layer.offset for layer in layers])
-        heights = np.repeat(offsets, np.diff(rings.first[sections.first]))
-        points = np.column_stack([rings.points, heights])
-        corners, base = Rings(points, rings.first), sections.first
-        count = len(points)
-        numbers = np.arange(count)
-        ends = np.arange(count + 1)
-        owners = np.full(count, CORNER)
-        return cls(corners, base, points, numbers, np.zeros(count), owners, numbers, ends)
+        numbers = np.array([len(layer) for layer in layers], dtype=np.int64)
+        contours = pieces.first[np.column_stack([starts, starts + numbers])]
+        vertices = pieces.rings.first[contours]
+        heights = np.repeat([layer.offset for layer in layers], np.diff(vertices)[:, 0])
+        points = np.column_stack([_spans(pieces.rings.points, vertices), heights])
+        corners = Rings(points, ends_of(_spans(pieces.rings.counts, contours)))
+        base, owners = ends_of(np.diff(contours)[:, 0]), np.empty(0, dtype=np.int64)
+        return cls(
+            corners, base, points, owners, np.arange(len(points)), np.arange(len(points) + 1)
+        )
 
-    def group(
-        self, slabs: Sequence[Slab], index: int, pieces: tuple[list[int], list[int]]
-    ) -> _Group:
-        """Return pieces below and above a slab as a group."""
-        slab = slabs[index]
-        sides = []
-        for layer, base, chosen in zip(
-            (slab.below, slab.above), self.base[index : index + 2].tolist(), pieces, strict=True
-        ):
-            own = [layer.contours(piece) for piece in chosen]
-            sides.append([range(base + piece.start, base + piece.stop) for piece in own])
-        return _Group(index, *sides)
-
-    def insert_contacts(self, groups: Sequence[_Group]) -> NDArray[np.int64]:
+    def with_contacts(self, groups: Sequence[_Group]) -> tuple[_Contours, NDArray[np.int64]]:
         """Put vertices where the pieces below and above touch or cross.
 
         Returns
         -------
+        contours : _Contours
+            These corners, and vertices on their edges.
         links : array of int, shape (n, 2)
             The vertices below and above that lie upon each other.
         """
         low, below = self._edges_of([group.below for group in groups])
         high, above = self._edges_of([group.above for group in groups])
         contacts = find_contacts(below, above)
+        vertices = np.concatenate([low[contacts.below], high[contacts.above]])
+        along = np.concatenate([contacts.below_at, contacts.above_at])
+        new = np.flatnonzero(along > 0)
+        edges, count = vertices[new], len(self.points)
+        vertices[new] = count + np.arange(len(new))
+        of_contacts = new % max(len(contacts.points), 1)  # both sides have got all of them
+        added = np.column_stack([contacts.points[of_contacts], self.points[edges, 2]])
         slabs = np.array([group.slab for group in groups], dtype=np.int64)
-        slabs = slabs[below.groups[contacts.below]]
-        return np.column_stack(
-            [
-                self._insert(low[contacts.below], contacts.below_at, contacts.points, slabs),
-                self._insert(high[contacts.above], contacts.above_at, contacts.points, slabs),
-            ]
+        places = np.lexsort([along[new], edges])
+        divided = replace(
+            self,
+            points=np.concatenate([self.points, added]),
+            owners=slabs[below.groups[contacts.below[of_contacts]]],
+            order=np.insert(self.order, edges[places] + 1, count + places),
+            ends=self.ends + np.searchsorted(edges[places], np.arange(count + 1)),
         )
+        return divided, vertices.reshape(2, -1).T
 
     def _edges_of(self, groups: Sequence[list[range]]) -> tuple[NDArray[np.int64], Edges]:
         """Return the corners that the edges of groups of pieces start from, and these edges."""
@@ -176,32 +165,14 @@ class _Contours:
         vertices = self.order[starts[numbers] + positions]
         piece_of = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
         slabs = np.array([group.slab for group in groups])[sides[piece_of[numbers]] // 2]
-        is_own = (self.owners[vertices] == CORNER) | (self.owners[vertices] == slabs)
-        first = np.concatenate([[0], np.cumsum(stops - starts)])
-        return Knots(vertices, is_own, first, piece_of, sides // 2, sides % 2 == 1, links)
-
-    def _insert(
-        self,
-        edges: NDArray[np.int64],
-        along: NDArray[np.float64],
-        points: NDArray[np.float64],
-        slabs: NDArray[np.int64],
-    ) -> NDArray[np.int64]:
-        """Return the vertices at places on edges, new ones where there is no corner."""
-        new = np.flatnonzero(along > 0)
-        vertices = edges.copy()
-        vertices[new] = len(self.points) + np.arange(len(new))
-        added = np.column_stack([points[new], self.points[edges[new], 2]])
-        self.points = np.concatenate([self.points, added])
-        self.edges = np.concatenate([self.edges, edges[new]])
-        self.along = np.concatenate([self.along, along[new]])
-        self.owners = np.concatenate([self.owners, slabs[new]])
-        return vertices
-
-    def settle(self) -> None:
-        """Put the inserted vertices in their places around the contours."""
-        self.order = np.lexsort([self.along, self.edges])
-        self.ends = np.searchsorted(self.edges[self.order], np.arange(len(self.ends)))
+        inserted = np.flatnonzero(vertices >= len(self.corners.points))
+        is_own = np.ones(len(vertices), dtype=bool)
+        is_own[inserted] = (
+            self.owners[vertices[inserted] - len(self.corners.points)] == slabs[inserted]
+        )
+        return Knots(
+            vertices, is_own, ends_of(stops - starts), piece_of, sides // 2, sides % 2 == 1, links
+        )
 
     def around(self, pieces: Sequence[range]) -> list[list[NDArray[np.int64]]]:
         """Return the vertices around the contours of pieces, the inserted ones in their places."""
@@ -211,15 +182,15 @@ class _Contours:
 
 def _bands(
     contours: _Contours, slabs: Sequence[Slab]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], list[_Group]]:
+) -> tuple[Bands, NDArray[np.bool_], list[_Group]]:
     """Join the contours that match one to one.
 
     Returns
     -------
-    triangles : array of int, shape (m, 3)
-        As of `Bands`, between the contours' own corners.
-    edges : array of int, shape (m,)
-        The corner that the edge of each starts from.
+    bands : Bands
+        Between the contours.
+    is_sound : array of bool
+        Which of them are joined well, with all others of their pieces.
     groups : list of _Group
         The pieces that are left: the knots, and pairs of pieces that are poorly joined so.
     """
@@ -235,34 +206,20 @@ def _bands(
     for poor in np.flatnonzero(is_poor):
         index, (low, high), _ = owners[poor]
         groups.append((index, ([low], [high])))
-    triangles, edges = bands.triangles(np.flatnonzero(~is_poor[owner_of]))
-    return triangles, edges, [contours.group(slabs, *it) for it in groups]
+    base = contours.base.tolist()
+    return bands, ~is_poor[owner_of], [_group(slabs, base, *it) for it in groups]
 
 
-def _divided(
-    contours: _Contours, triangles: NDArray[np.int64], edges: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Divide the triangles of bands along contours that have got vertices on their edges."""
-    is_whole = (np.diff(contours.ends) == 1)[edges]
-    low, end, high = triangles[~is_whole].T
-    edges = edges[~is_whole]
-    runs = edges == high
-    apexes = np.where(runs, low, high)
-    first = contours.ends[edges]
-    owners, positions = number_within(contours.ends[edges + 1] - first)
-    at = first[owners] + positions
-    here = contours.order[at]
-    is_last = at + 1 == contours.ends[edges + 1][owners]
-    there = np.where(is_last, end[owners], contours.order[(at + 1) % len(contours.order)])
-    is_run = runs[owners]
-    parts = np.column_stack(
-        [
-            np.where(is_run, apexes[owners], here),
-            there,
-            np.where(is_run, here, apexes[owners]),
-        ]
+def _group(
+    slabs: Sequence[Slab], base: list[int], index: int, pieces: tuple[list[int], list[int]]
+) -> _Group:
+    """Return pieces below and above a slab as a group."""
+    layers = slabs[index].below, slabs[index].above
+    below, above = (
+        [range(first + own.start, first + own.stop) for own in map(layer.contours, chosen)]
+        for layer, first, chosen in zip(layers, base[index : index + 2], pieces, strict=True)
     )
-    return np.concatenate([triangles[is_whole], parts])
+    return _Group(index, below, above)
 
 
 def _caps(contours: _Contours, groups: Iterable[_Group]) -> Iterator[NDArray[np.int64]]:
@@ -276,3 +233,8 @@ def _caps(contours: _Contours, groups: Iterable[_Group]) -> Iterator[NDArray[np.
 
 def _flat(ranges: Iterable[range]) -> NDArray[np.int64]:
     return np.fromiter(chain.from_iterable(ranges), dtype=np.int64)
+
+
+def _spans(values: NDArray[_Scalar], spans: NDArray[np.int64]) -> NDArray[_Scalar]:
+    """Return parts of an array, from one place to another each, one behind the other."""
+    return np.concatenate([values[low:high] for low, high in spans.tolist()])

@@ -9,7 +9,7 @@ from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 
 from momrec_core._bands import expect, greedy, lay, least
-from momrec_core.rings import Rings, number_within
+from momrec_core.rings import Rings
 
 __all__ = ["Bands", "walk_bands"]
 
@@ -55,13 +55,13 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     expected = _Expectations.of(rings, pairs)
     walks = _walk(rings, pairs, np.zeros_like(expected.shift))
     misfits = _misfits(walks, expected)
-    doubtful = np.flatnonzero(misfits > DOUBTFUL_MISFIT)
+    doubtful = misfits > DOUBTFUL_MISFIT
     better, misfits[doubtful] = _second_look(
         rings, walks[doubtful], misfits[doubtful], expected[doubtful]
     )
     walks = walks.replaced(doubtful, better)
     is_poor = misfits > POOR_MISFIT + expected.slant
-    slanted = np.flatnonzero((misfits > POOR_MISFIT) & ~is_poor)
+    slanted = (misfits > POOR_MISFIT) & ~is_poor
     is_poor[slanted] = _are_wasteful(rings, walks[slanted], expected.stepped[slanted])
     return Bands(rings, walks, is_poor)
 
@@ -110,30 +110,22 @@ class _Walks:
     rises: NDArray[np.bool_]
     measures: NDArray[np.float64]
 
-    def __getitem__(self, chosen: NDArray[np.int64]) -> _Walks:
-        places = self._places(chosen)
+    def __getitem__(self, chosen: NDArray[np.bool_]) -> _Walks:
         return _Walks(
             self.pairs[chosen],
             self.starts[chosen],
             self.steps[chosen],
-            self.rises[places],
+            self.rises[np.repeat(chosen, self.steps)],
             self.measures[chosen],
         )
 
-    def replaced(self, chosen: NDArray[np.int64], others: _Walks) -> _Walks:
+    def replaced(self, chosen: NDArray[np.bool_], others: _Walks) -> _Walks:
         """Return the walks with others along the same pairs in the places of some."""
         starts, rises, measures = self.starts.copy(), self.rises.copy(), self.measures.copy()
         starts[chosen] = others.starts
-        rises[self._places(chosen)] = others.rises
+        rises[np.repeat(chosen, self.steps)] = others.rises
         measures[chosen] = others.measures
         return _Walks(self.pairs, starts, self.steps, rises, measures)
-
-    def _places(self, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return where the steps of some walks are."""
-        owners, positions = number_within(self.steps[chosen])
-        first = np.cumsum(self.steps) - self.steps
-        places: NDArray[np.int64] = first[chosen][owners] + positions
-        return places
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,22 +146,38 @@ class Bands:
     walks: _Walks
     is_poor: NDArray[np.bool_]
 
-    def triangles(self, chosen: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the triangles of some of the bands.
+    def triangles(
+        self,
+        is_chosen: NDArray[np.bool_],
+        order: NDArray[np.int64],
+        ends: NDArray[np.int64],
+        others: NDArray[np.int64],
+    ) -> NDArray[np.int64]:
+        """Return the triangles of some of the bands, along contours with vertices on their edges.
+
+        Parameters
+        ----------
+        is_chosen : array of bool, shape (bands,)
+        order : array of int, shape (m,)
+            The vertices around the contours, their own n and others, contour by contour.
+        ends : array of int, shape (n + 1,)
+            Where in this order each of their own is, and where the last of all ends.
+        others : array of int, shape (j, 3)
+            Triangles to put behind them.
 
         Returns
         -------
-        triangles : array of int, shape (m, 3)
-            Either an edge below and a vertex above, in this order, or a vertex below and an edge
-            above that the triangle uses backward.
-        edges : array of int, shape (m,)
-            The vertex that the edge starts from.
+        triangles : array of int, shape (k + j, 3)
         """
-        walks = self.walks[chosen]
-        triangles = np.empty((len(walks.rises), 3), dtype=np.int64)
-        edges = np.empty(len(triangles), dtype=np.int64)
-        lay(self.rings.first, walks.pairs, walks.starts, walks.rises, triangles, edges)
-        return triangles, edges
+        walks = self.walks
+        count = np.diff(ends[self.rings.first])[walks.pairs[is_chosen]].sum()
+        triangles = np.empty((count + len(others), 3), dtype=np.int64)
+        lay(
+            *(self.rings.first, walks.pairs, walks.starts, walks.rises),
+            *(is_chosen, order, ends, triangles[:count]),
+        )
+        triangles[count:] = others
+        return triangles
 
 
 def _walk(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
@@ -225,7 +233,7 @@ class _Expectations:
         area, slant, volume, base, stepped = columns[:, :5].T
         return cls(area, slant, volume, base, stepped, np.ascontiguousarray(columns[:, 5:]))
 
-    def __getitem__(self, chosen: NDArray[np.int64]) -> _Expectations:
+    def __getitem__(self, chosen: NDArray[np.bool_]) -> _Expectations:
         return _Expectations(
             self.area[chosen],
             self.slant[chosen],
@@ -265,5 +273,5 @@ def _better(
 ) -> tuple[_Walks, NDArray[np.float64]]:
     """Return the clearly better of two walks along each pair, else the first, and its misfit."""
     is_better = other_misfits < WORTHWHILE * misfits - TIE
-    chosen = np.flatnonzero(is_better)
-    return walks.replaced(chosen, others[chosen]), np.where(is_better, other_misfits, misfits)
+    better = walks.replaced(is_better, others[is_better])
+    return better, np.where(is_better, other_misfits, misfits)

@@ -1,6 +1,7 @@
 """The walks along pairs of contours, against all walks there are."""
 
 import math
+from collections import Counter
 from itertools import combinations
 
 import numpy as np
@@ -178,10 +179,8 @@ def test_ties_are_not_decided_by_rounding(count, turn, radius, seed):
         (starts, rises, _), (others, other_rises, _) = walked(how, exact), walked(how, rounded)
         assert np.array_equal(starts, others)
         assert np.array_equal(rises, other_rises)
-    pairs = np.array([[0, 1]])
-    bands = walk_bands(exact, pairs), walk_bands(rounded, pairs)
-    chosen = np.array([0])
-    assert np.array_equal(bands[0].triangles(chosen)[0], bands[1].triangles(chosen)[0])
+    order, ends = np.arange(2 * count), np.arange(2 * count + 1)
+    assert np.array_equal(band_of(exact, order, ends), band_of(rounded, order, ends))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e100, 1e160])
@@ -197,20 +196,44 @@ def test_coordinates_beyond_measure_end_in_a_walk_all_the_same(how, value):
         assert 0 <= starts[1] < 23
 
 
-def test_a_band_uses_every_edge_of_both_contours_once():
-    rng = np.random.default_rng(7)
-    rings = pair_of(star(rng, 30), star(rng, 21))
-    triangles, starts = walk_bands(rings, np.array([[0, 1]])).triangles(np.array([0]))
-    edges = {
-        (int(tail), int(head))
-        for triangle in triangles
-        for tail, head in zip(triangle, np.roll(triangle, -1), strict=True)
-    }
-    below, above = np.arange(30), np.arange(30, 51)
-    assert sorted(starts.tolist()) == list(range(51))
-    assert len(triangles) == 51
-    assert edges >= set(zip(below.tolist(), np.roll(below, -1).tolist(), strict=True))
-    assert edges >= set(zip(np.roll(above, -1).tolist(), above.tolist(), strict=True))
+def band_of(rings, order, ends):
+    """Return the triangles between two contours with vertices on their edges."""
+    bands = walk_bands(rings, np.array([[0, 1]]))
+    return bands.triangles(np.array([True]), order, ends, np.empty((0, 3), dtype=np.int64))
+
+
+@given(st.integers(8, 30), st.integers(8, 30), st.integers(0, 20), seeds)
+@settings(max_examples=40, deadline=None)
+def test_a_band_uses_every_part_of_both_contours_once(below, above, inserted, seed):
+    rng = np.random.default_rng(seed)
+    rings = pair_of(star(rng, below), star(rng, above))
+    count = below + above
+    edges = np.sort(rng.integers(0, count, inserted))
+    order = np.insert(np.arange(count), edges + 1, count + np.arange(inserted))
+    ends = np.arange(count + 1) + np.searchsorted(edges, np.arange(count + 1))
+    triangles = band_of(rings, order, ends)
+    sides = Counter(
+        (tail, head)
+        for triangle in triangles.tolist()
+        for tail, head in zip(triangle, triangle[1:] + triangle[:1], strict=True)
+    )
+    loops = order[: ends[below]].tolist(), order[ends[below] :][::-1].tolist()
+    borders = {side for loop in loops for side in zip(loop, loop[1:] + loop[:1], strict=True)}
+    assert len(triangles) == count + inserted
+    assert set(sides.values()) == {1}
+    assert {side for side in sides if side[::-1] not in sides} == borders
+
+
+def test_bands_that_are_not_chosen_are_left_out_and_other_triangles_stand_behind():
+    rng = np.random.default_rng(11)
+    rings = pair_of(star(rng, 9), star(rng, 7))
+    order, ends = np.arange(16), np.arange(17)
+    bands = walk_bands(rings, np.array([[0, 1], [0, 1], [0, 1]]))
+    others = np.array([[5, 6, 7]])
+    for chosen in ([True, True, False], [False, False, True], [False] * 3):
+        triangles = bands.triangles(np.array(chosen), order, ends, others)
+        whole = np.concatenate([band_of(rings, order, ends)] * sum(chosen) + [others])
+        assert np.array_equal(triangles, whole)
 
 
 @given(st.integers(8, 30), st.integers(8, 30), seeds)
@@ -238,26 +261,39 @@ def test_expectations_are_those_of_prisms_and_slanted_prisms(below, above, seed)
 
 def test_only_walks_around_their_contours_are_laid():
     rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
-    pairs, starts = np.array([[0, 1]]), np.array([[4, 3]])
-    triangles, edges = np.empty((9, 3), dtype=np.int64), np.empty(9, dtype=np.int64)
-    rises = np.arange(9) < 5
-    lay(rings.first, pairs, starts, rises, triangles, edges)
+    triangles = np.empty((9, 3), dtype=np.int64)
+    good = {
+        "first": rings.first,
+        "pairs": np.array([[0, 1]]),
+        "starts": np.array([[4, 3]]),
+        "rises": np.arange(9) < 5,
+        "is_laid": np.array([True]),
+        "order": np.arange(9),
+        "ends": np.arange(10),
+        "triangles": triangles,
+    }
+    lay(*good.values())
     assert triangles[0].tolist() == [4, 0, 8]
     assert triangles[-1].tolist() == [4, 8, 7]
-    assert edges.tolist() == [4, 0, 1, 2, 3, 8, 5, 6, 7]
-    for wrong in (
-        (starts, np.arange(9) < 6),
-        (starts + 1, rises),
-        (starts - 5, rises),
-        (starts, rises[:-1].copy()),
-        (starts[:0], rises),
+    for name, wrong in (
+        ("rises", np.arange(9) < 6),
+        ("rises", np.arange(8) < 5),
+        ("starts", good["starts"] + 1),
+        ("starts", good["starts"] - 5),
+        ("starts", good["starts"][:0]),
+        ("is_laid", np.array([True, True])),
+        ("is_laid", np.array([False])),
+        ("order", np.arange(8)),
+        ("ends", np.arange(9)),
+        ("ends", np.arange(10) - 1),
+        ("ends", np.arange(10)[::-1].copy()),
+        ("ends", np.empty(0, dtype=np.int64)),
+        ("triangles", triangles[:8]),
     ):
         with pytest.raises(ValueError, match="arrays that agree"):
-            lay(rings.first, pairs, *wrong, triangles, edges)
-    with pytest.raises(ValueError, match="arrays that agree"):
-        lay(rings.first, pairs, starts, rises, triangles[:8], edges)
-    with pytest.raises(TypeError, match="Expected 6 arrays, got 5"):
-        lay(rings.first, pairs, starts, rises, triangles)
+            lay(*(good | {name: wrong}).values())
+    with pytest.raises(TypeError, match="Expected 8 arrays, got 7"):
+        lay(*list(good.values())[:-1])
 
 
 @pytest.mark.parametrize(
