@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from momrec_core._filling import fill
 from momrec_core.regions import Regions
-from momrec_core.rings import Rings, ends_of, number_within
+from momrec_core.rings import Rings, number_within
 
 __all__ = ["Knots", "cap", "join_knots"]
 
@@ -62,24 +62,44 @@ class Knots:
     links: NDArray[np.int64]
 
 
-def cap(points: NDArray[np.float64], contours: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Triangulate what contours bound, facing up.
+def cap(
+    points: NDArray[np.float64],
+    vertices: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    pieces: NDArray[np.int64],
+    faces_up: NDArray[np.bool_],
+) -> NDArray[np.int64]:
+    """Triangulate pieces of the plane between contours.
 
     Parameters
     ----------
     points : array, shape (n, 3)
         All vertices, in the planes' frame.
-    contours : list of array of int
-        Vertex indices, with the region on the left.
+    vertices : array of int, shape (m,)
+        Those around the contours, with the pieces on the left, one contour behind the other.
+    ends : array of int, shape (contours + 1,)
+        Where each contour begins, and where the last one ends.
+    pieces : array of int, shape (pieces + 1,)
+        The first contour of each piece, and the number of contours.
+    faces_up : array of bool, shape (pieces,)
+        Whether a piece faces up, or down.
 
     Returns
     -------
-    triangles : array of int, shape (m, 3)
-        Each edge of a contour is used once, in its direction, and all others in pairs.
+    triangles : array of int, shape (k, 3)
+        Each edge of a contour is used once, in its direction where the piece faces up, and all
+        others in pairs.
     """
-    ends = ends_of(np.array([len(contour) for contour in contours]))
-    whole, is_up = np.array([0, len(contours)]), np.ones(1, dtype=bool)
-    return _triangulated(points, np.concatenate(contours), ends, whole, is_up)
+    triangles = np.empty((len(vertices) + 2 * len(ends) - 2, 3), dtype=np.int64)
+    counts = np.empty(len(faces_up), dtype=np.int64)
+    fill(points, vertices, ends, pieces, faces_up, triangles, counts)
+    parts = [triangles[: counts[counts > 0].sum()]]
+    for piece in np.flatnonzero(counts < 0):
+        bounds = ends[pieces[piece] : pieces[piece + 1] + 1].tolist()
+        plane = [points[vertices[low:high], :2] for low, high in pairwise(bounds)]
+        doubtful = vertices[bounds[0] + manifold3d.triangulate(plane)]
+        parts.append(doubtful if faces_up[piece] else doubtful[:, ::-1])
+    return np.concatenate(parts)
 
 
 def join_knots(
@@ -326,27 +346,7 @@ def _fill(
     keys = 2 * borders.knots[leaders] + faces_up[leaders]
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     regions = np.append(first, len(keys))
-    yield _triangulated(points, edges[:, 0].copy(), ends, regions, faces_up[leaders[first]])
-
-
-def _triangulated(
-    points: NDArray[np.float64],
-    vertices: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    regions: NDArray[np.int64],
-    faces_up: NDArray[np.bool_],
-) -> NDArray[np.int64]:
-    """Triangulate regions, each from one of the outlines that end at `ends` to another."""
-    triangles = np.empty((len(vertices) + 2 * len(ends) - 2, 3), dtype=np.int64)
-    counts = np.empty(len(faces_up), dtype=np.int64)
-    fill(points, vertices, ends, regions, faces_up, triangles, counts)
-    parts = [triangles[: counts[counts > 0].sum()]]
-    for region in np.flatnonzero(counts < 0):
-        bounds = ends[regions[region] : regions[region + 1] + 1].tolist()
-        plane = [points[vertices[low:high], :2] for low, high in pairwise(bounds)]
-        doubtful = vertices[bounds[0] + manifold3d.triangulate(plane)]
-        parts.append(doubtful if faces_up[region] else doubtful[:, ::-1])
-    return np.concatenate(parts)
+    yield cap(points, edges[:, 0].copy(), ends, regions, faces_up[leaders[first]])
 
 
 def _following(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TypeVar
@@ -47,9 +47,9 @@ def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]
     joins = [group for group in groups if group.below and group.above]
     contours, links = contours.with_contacts(joins)
     joined, failed = join_knots(contours.points, contours.knots(joins, links))
-    alone = (group for group in groups if not (group.below and group.above))
-    caps = _caps(contours, [*alone, *(joins[index] for index in failed)])
-    others = np.concatenate([joined, *caps])
+    alone = [group for group in groups if not (group.below and group.above)]
+    caps = _caps(contours, alone + [joins[index] for index in failed.tolist()])
+    others = np.concatenate([joined, caps])
     triangles = bands.triangles(is_sound, contours.order, contours.ends, others)
     return double_shared_edges(contours.points, triangles, sound=len(triangles) - len(others))
 
@@ -159,25 +159,22 @@ class _Contours:
         ]
         counts = np.array([(len(group.below), len(group.above)) for group in groups], dtype=int)
         sides, _ = number_within(counts.ravel())
-        contours = _flat(pieces)
-        starts, stops = self.ends[self.corners.first[[contours, contours + 1]]]
-        numbers, positions = number_within(stops - starts)
-        vertices = self.order[starts[numbers] + positions]
+        vertices, first = self.around(_flat(pieces))
         piece_of = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
-        slabs = np.array([group.slab for group in groups])[sides[piece_of[numbers]] // 2]
+        slabs = np.array([group.slab for group in groups])[sides[piece_of] // 2]
+        slabs = np.repeat(slabs, np.diff(first))
         inserted = np.flatnonzero(vertices >= len(self.corners.points))
         is_own = np.ones(len(vertices), dtype=bool)
         is_own[inserted] = (
             self.owners[vertices[inserted] - len(self.corners.points)] == slabs[inserted]
         )
-        return Knots(
-            vertices, is_own, ends_of(stops - starts), piece_of, sides // 2, sides % 2 == 1, links
-        )
+        return Knots(vertices, is_own, first, piece_of, sides // 2, sides % 2 == 1, links)
 
-    def around(self, pieces: Sequence[range]) -> list[list[NDArray[np.int64]]]:
-        """Return the vertices around the contours of pieces, the inserted ones in their places."""
-        first = self.ends[self.corners.first]
-        return [[self.order[first[ring] : first[ring + 1]] for ring in piece] for piece in pieces]
+    def around(self, contours: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the vertices around contours, and where those of each begin and the last end."""
+        starts, stops = self.ends[self.corners.first[[contours, contours + 1]]]
+        numbers, positions = number_within(stops - starts)
+        return self.order[starts[numbers] + positions], ends_of(stops - starts)
 
 
 def _bands(
@@ -222,13 +219,18 @@ def _group(
     return _Group(index, below, above)
 
 
-def _caps(contours: _Contours, groups: Iterable[_Group]) -> Iterator[NDArray[np.int64]]:
+def _caps(contours: _Contours, groups: Iterable[_Group]) -> NDArray[np.int64]:
     """Close each piece by itself."""
-    for group in groups:
-        for piece in contours.around(group.below):
-            yield cap(contours.points, piece)
-        for piece in contours.around(group.above):
-            yield cap(contours.points, piece)[:, ::-1]
+    pieces = [
+        (piece, is_below)
+        for group in groups
+        for side, is_below in ((group.below, True), (group.above, False))
+        for piece in side
+    ]
+    vertices, ends = contours.around(_flat(piece for piece, _ in pieces))
+    first = ends_of(np.array([len(piece) for piece, _ in pieces], dtype=np.int64))
+    faces_up = np.array([is_below for _, is_below in pieces], dtype=bool)
+    return cap(contours.points, vertices, ends, first, faces_up)
 
 
 def _flat(ranges: Iterable[range]) -> NDArray[np.int64]:

@@ -131,7 +131,8 @@ def test_a_hole_that_touches_the_outline_is_still_covered():
     outline = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
     hole = np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 1.0]])
     points = np.column_stack([np.concatenate([outline, hole]), np.zeros(7)])
-    triangles = cap(points, [np.arange(4), np.arange(4, 7)])
+    whole = np.array([0, 2])
+    triangles = cap(points, np.arange(7), np.array([0, 4, 7]), whole, np.array([True]))
     assert doubled_areas(points, triangles).sum() / 2 == pytest.approx(16.0 - 1.5)
     assert open_edges(triangles) == edges_of([outline, hole])
 
