@@ -60,7 +60,7 @@ setup(
         Extension(
             f"momrec_core.{name}",
             [f"momrec_core/{name}.c"],
-            depends=["momrec_core/_arrays.h"],
+            depends=sorted(map(str, Path("momrec_core").glob("_*.h"))),
             extra_compile_args=["-O3", "-fno-math-errno"],  # square roots of several at once
         )
         for name in sorted(path.stem for path in Path("momrec_core").glob("_*.c"))

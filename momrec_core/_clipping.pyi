@@ -15,6 +15,13 @@ def clip(
     tolerance: float,
     /,
 ) -> tuple[bytes, bytes, bytes]: ...
+def apart(
+    points: NDArray[np.float64],
+    rings: NDArray[np.int64],
+    regions: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    /,
+) -> tuple[bytes, bytes, bytes]: ...
 def hold(
     points: NDArray[np.float64],
     rings: NDArray[np.int64],

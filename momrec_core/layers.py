@@ -12,8 +12,9 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from momrec_core.regions import Footprints, Regions
-from momrec_core.rings import Rings, ends_of, number_within
+from momrec_core._matching import match
+from momrec_core.regions import CLEARANCE, Footprints, Regions
+from momrec_core.rings import Rings, ends_of
 
 __all__ = [
     "Layer",
@@ -47,12 +48,15 @@ class Layer:
         holes, clockwise.
     low, high : int
         Which of them are this layer's.
+    area : float
+        Area of these, in squared units.
     """
 
     offset: float
     batch: Regions
     low: int
     high: int
+    area: float
 
     def __len__(self) -> int:
         return self.high - self.low
@@ -72,11 +76,6 @@ class Layer:
         """The pieces' areas, in squared units."""
         return self.batch.areas[self.low : self.high]
 
-    @cached_property
-    def area(self) -> float:
-        """Area of all pieces, in squared units."""
-        return float(self.areas.sum())
-
     def contours(self, piece: int) -> range:
         """Return the numbers of a piece's contours: its shell, then its holes."""
         begins, at = self.batch.begins, self.low + piece
@@ -86,10 +85,14 @@ class Layer:
         """Return the centroids of some pieces' shells."""
         return np.asarray(self.batch.centroids[self.low + np.array(pieces)])
 
+    def alone(self, piece: int) -> Regions:
+        """Return one of the pieces."""
+        return self.batch.part(self.low + piece, self.low + piece + 1)
+
     def only(self, pieces: Sequence[int]) -> Layer:
         """Return a layer of some of the pieces."""
         chosen = self.pieces.take(np.array(pieces, dtype=np.int64))
-        return Layer(self.offset, chosen, 0, len(chosen))
+        return Layer(self.offset, chosen, 0, len(chosen), float(chosen.areas.sum()))
 
 
 def layers_of_sections(
@@ -109,8 +112,9 @@ def layers_of_sections(
     layers : list of Layer
     """
     pieces, ends = sections.cleaned(CLEANING).apart()
-    spans = zip(offsets, ends[:-1].tolist(), ends[1:].tolist(), strict=True)
-    return [Layer(float(offset), pieces, low, high) for offset, low, high in spans]
+    spans = zip(map(float, offsets), pairwise(ends.tolist()), strict=True)
+    areas = pieces.areas.tolist()
+    return [Layer(offset, pieces, low, high, sum(areas[low:high])) for offset, (low, high) in spans]
 
 
 @dataclass(eq=False)
@@ -185,40 +189,146 @@ class Slabs:
 def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     """Group the pieces of adjacent layers, below and above, by overlap."""
     slabs = [Slab(below, above) for below, above in pairs]
-    sides = [layer for pair in pairs for layer in pair]
-    counts = np.array([len(layer) for layer in sides], dtype=np.int64)
-    if not counts.any():
+    if not slabs:
         return slabs
+    sides = [layer for pair in pairs for layer in pair]
     pieces, starts = pieces_of_layers(sides)
-    owners, places = _overlaps(pieces, starts, counts)
-    members = starts.reshape(-1, 2)[owners] + places
-    nodes = ends_of(counts)[:-1].reshape(-1, 2)[owners] + places
-    degrees = np.bincount(nodes.ravel(), minlength=counts.sum())
-    is_pair = (degrees[nodes] == 1).all(axis=1) & _are_images(pieces, members)
-    for index in np.flatnonzero(is_pair).tolist():
-        slab, pair = slabs[owners[index]], tuple(places[index].tolist())
-        contours = _contour_pairs(slab, *pair)
-        if contours:
-            slab.pairs[pair] = contours
-        else:
-            is_pair[index] = False
-    is_left = np.ones(len(degrees), dtype=bool)
-    is_left[nodes[is_pair]] = False
-    side_of, place = number_within(counts)
-    for group in _connected(np.flatnonzero(is_left), nodes[~is_pair]):
-        knot: tuple[list[int], list[int]] = ([], [])
-        for node in group:
-            knot[side_of[node] % 2].append(int(place[node]))
-        slabs[side_of[group[0]] // 2].knots.append(knot)
-    areas = np.bincount(side_of, is_left * pieces.areas[starts[side_of] + place], len(sides))
-    lower, upper = members[~is_pair].T
-    common = pieces.take(lower).clipped([Footprints.of(pieces, upper)]).areas
-    shared = np.bincount(owners[~is_pair], common, len(slabs))
-    for slab, *knot_areas in zip(slabs, *areas.reshape(-1, 2).T.tolist(), shared, strict=True):
+    counts = np.array([len(layer) for layer in sides], dtype=np.int64)
+    matches = _Matches.of(pieces, starts, counts, MIN_AREA_RATIO, LEAST_WIDTH)
+    with_holes = []
+    for index, low, high, contours, below, above in matches.pairs.tolist():
+        slabs[index].pairs[low, high] = [(below, above)]
+        if contours > 1:
+            with_holes.append((slabs[index], low, high))
+    for index, number, side, piece in matches.members.tolist():
+        knots = slabs[index].knots
+        if number == len(knots):
+            knots.append(([], []))
+        knots[number][side].append(piece)
+    for slab, areas in zip(slabs, matches.areas.tolist(), strict=True):
+        slab.knot_areas = areas[0], areas[1], areas[2]
+    if with_holes:
+        _match_holes(with_holes)
+    for slab in slabs:
         if slab.knots:
-            slab.knot_areas = tuple(knot_areas)
             _bridge(slab)
     return slabs
+
+
+@dataclass(frozen=True)
+class _Matches:
+    """How the pieces of adjacent layers belong together, numbered within these.
+
+    Attributes
+    ----------
+    pairs : array of int, shape (n, 6)
+        Pieces that overlap nothing else, are alike and have as many contours: slab, piece below,
+        piece above, contours of each, and the number of the first in the layer below and above.
+    members : array of int, shape (m, 4)
+        All other pieces: slab, number of the knot in it, side (0 below, 1 above), piece.
+    areas : array, shape (slabs, 3)
+        Of these below, above, and of what they have in common.
+    """
+
+    pairs: NDArray[np.int64]
+    members: NDArray[np.int64]
+    areas: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls,
+        pieces: Regions,
+        starts: NDArray[np.int64],
+        counts: NDArray[np.int64],
+        area_ratio: float,
+        width_ratio: float,
+    ) -> _Matches:
+        """Match layers below and above slabs in turn.
+
+        Parameters
+        ----------
+        pieces : Regions
+            Those of all layers.
+        starts, counts : array of int, shape (2 slabs,)
+            Where each layer's begin, and how many it has.
+        area_ratio, width_ratio : float
+            How much smaller, or narrower in x or y, a piece may be than one that is alike.
+        """
+        listed = _candidates(pieces.boxes, starts.reshape(-1, 2), counts.reshape(-1, 2))
+        limits = FEW_PAIRS, area_ratio, width_ratio, CLEARANCE
+        pairs, members, areas = match(
+            *pieces.arrays,
+            pieces.areas,
+            pieces.boxes,
+            starts,
+            counts,
+            listed,
+            pieces.common_area,
+            *limits,
+        )
+        return cls(
+            np.frombuffer(pairs, dtype=np.int64).reshape(-1, 6),
+            np.frombuffer(members, dtype=np.int64).reshape(-1, 4),
+            np.frombuffer(areas).reshape(-1, 3),
+        )
+
+
+def _candidates(
+    boxes: NDArray[np.float64], starts: NDArray[np.int64], counts: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the pieces whose boxes meet where trying all would take too long.
+
+    Parameters
+    ----------
+    boxes : array, shape (pieces, 4)
+        Of all pieces.
+    starts, counts : array of int, shape (slabs, 2)
+        The first piece below and above, and how many there are.
+
+    Returns
+    -------
+    candidates : array of int, shape (n, 3)
+        Slab, and the pieces' numbers in the layers below and above.
+    """
+    found = [np.empty((0, 3), dtype=np.int64)]
+    for slab in np.flatnonzero(counts[:, 0] * counts[:, 1] > FEW_PAIRS).tolist():
+        low, high = (
+            shapely.box(*boxes[start : start + count].T)
+            for start, count in zip(starts[slab], counts[slab], strict=True)
+        )
+        places = shapely.STRtree(high).query(low).T
+        found.append(np.column_stack([np.full(len(places), slab), places]))
+    return np.concatenate(found)
+
+
+def _match_holes(pairs: Sequence[tuple[Slab, int, int]]) -> None:
+    """Match the holes of pairs of pieces by overlap; make knots where that isn't one to one."""
+    rings, holes = [], []
+    for slab, low, high in pairs:
+        below, above = slab.below.contours(low)[1:], slab.above.contours(high)[1:]
+        rings += [slab.below.rings.loop(hole)[::-1] for hole in below]
+        rings += [slab.above.rings.loop(hole)[::-1] for hole in above]
+        holes.append((below, above))
+    counts = np.array([len(below) for below, above in holes], dtype=np.int64).repeat(2)
+    inside = Regions.of_rings([[ring] for ring in rings])
+    matches = _Matches.of(inside, ends_of(counts)[:-1], counts, 0.0, 0.0)
+    for index, low, high, *_ in matches.pairs.tolist():
+        slab, *pair = pairs[index]
+        slab.pairs[tuple(pair)].append((holes[index][0][low], holes[index][1][high]))
+    for index in np.unique(matches.members[:, 0]).tolist():
+        _tie(*pairs[index])
+
+
+def _tie(slab: Slab, low: int, high: int) -> None:
+    """Make a knot of a pair."""
+    del slab.pairs[low, high]
+    slab.knots.append(([low], [high]))
+    slab.knots.sort(key=lambda knot: (knot[0] or [len(slab.below) + knot[1][0]])[0])
+    one, other = slab.below.alone(low), slab.above.alone(high)
+    common = one.clipped([Footprints.as_they_are(other)])
+    shares = one.areas[0], other.areas[0], common.areas[0]
+    below, above, shared = map(float, np.add(slab.knot_areas, shares))
+    slab.knot_areas = below, above, shared
 
 
 def pieces_of_layers(layers: Sequence[Layer]) -> tuple[Regions, NDArray[np.int64]]:
@@ -233,113 +343,9 @@ def pieces_of_layers(layers: Sequence[Layer]) -> tuple[Regions, NDArray[np.int64
     return Regions.joined(list(batches.values())), first
 
 
-def _connected(nodes: NDArray[np.int64], edges: NDArray[np.int64]) -> list[list[int]]:
-    """Group nodes that edges connect, each group and all of them in order."""
-    parents = {node: node for node in nodes.tolist()}
-
-    def root(node: int) -> int:
-        while parents[node] != node:
-            parents[node] = node = parents[parents[node]]
-        return node
-
-    for one, other in edges.tolist():
-        first, second = sorted((root(one), root(other)))
-        parents[second] = first
-    groups: dict[int, list[int]] = {}
-    for node in parents:
-        groups.setdefault(root(node), []).append(node)
-    return list(groups.values())
-
-
-def _overlaps(
-    pieces: Regions, starts: NDArray[np.int64], counts: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return which pieces have an area in common, of layers below and above slabs in turn.
-
-    Parameters
-    ----------
-    pieces : Regions
-        Those of all layers.
-    starts, counts : array of int, shape (2 slabs,)
-        Where each layer's begin, and how many it has.
-
-    Returns
-    -------
-    owners : array of int, shape (n,)
-        Slabs.
-    places : array of int, shape (n, 2)
-        The pieces' numbers in the layers below and above.
-    """
-    tries = counts[0::2] * counts[1::2]
-    owners, numbers = number_within(np.where(tries > FEW_PAIRS, 0, tries))
-    places = np.column_stack(np.divmod(numbers, counts[1::2][owners]))
-    for slab in np.flatnonzero(tries > FEW_PAIRS).tolist():
-        low, high = (
-            shapely.box(*pieces.boxes[start : start + count].T)
-            for start, count in zip(starts[2 * slab :][:2], counts[2 * slab :][:2], strict=True)
-        )
-        found = shapely.STRtree(high).query(low).T
-        owners = np.append(owners, np.full(len(found), slab))
-        places = np.concatenate([places, found])
-    lower, upper = (starts.reshape(-1, 2)[owners] + places).T
-    meet = _boxes_meet(pieces.boxes[lower], pieces.boxes[upper])
-    meet[meet] = _meet(pieces, lower[meet], upper[meet])
-    return owners[meet], places[meet]
-
-
-def _boxes_meet(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell whether boxes, shape (..., 4), have an area in common."""
-    return np.asarray(
-        ((low[..., :2] < high[..., 2:]) & (high[..., :2] < low[..., 2:])).all(axis=-1)
-    )
-
-
-def _meet(pieces: Regions, lower: NDArray[np.int64], upper: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell whether pairs of pieces have an area in common."""
-    low, high = pieces.boxes[lower], pieces.boxes[upper]
-    corners = np.maximum(low[:, :2], high[:, :2]), np.minimum(low[:, 2:], high[:, 2:])
-    middles = (corners[0] + corners[1]) / 2
-    meet = pieces.hold(lower, middles) & pieces.hold(upper, middles)
-    others = np.flatnonzero(~meet)  # for which the middle of what their boxes share does not tell
-    common = pieces.take(lower[others]).clipped([Footprints.of(pieces, upper[others])])
-    meet[others] = common.areas > 0
-    return meet
-
-
 def _are_similar(areas: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:
     ratios = areas / others
     return (ratios > MIN_AREA_RATIO) & (ratios < MAX_AREA_RATIO)
-
-
-def _are_images(pieces: Regions, members: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell whether two pieces each, shape (n, 2), may be one and the same a little higher."""
-    lower, upper = members.T
-    widths = pieces.boxes[:, 2:] - pieces.boxes[:, :2]
-    least, most = (take(widths[lower], widths[upper]) for take in (np.minimum, np.maximum))
-    are_similar = _are_similar(pieces.areas[lower], pieces.areas[upper])
-    return np.asarray(are_similar & (least > LEAST_WIDTH * most).all(axis=1))
-
-
-def _contour_pairs(slab: Slab, low: int, high: int) -> list[tuple[int, int]]:
-    """Match the contours of two pieces, the holes by overlap; none where that isn't one to one."""
-    below, above = slab.below.contours(low), slab.above.contours(high)
-    if len(below) != len(above):
-        return []
-    shells, holes = (below[0], above[0]), (below[1:], above[1:])
-    count = len(holes[0])
-    if count == 0:
-        return [shells]
-    loops = [slab.below.rings.loop(hole) for hole in holes[0]]
-    loops += [slab.above.rings.loop(hole) for hole in holes[1]]
-    inside = Regions.of_rings([[loop[::-1]] for loop in loops])
-    meet = _boxes_meet(inside.boxes[:count, None], inside.boxes[count:])
-    lower, upper = np.divmod(np.flatnonzero(meet), count)
-    meet = _meet(inside, lower, upper + count)
-    lower, upper = lower[meet], upper[meet]
-    if len(lower) != count or len(set(lower.tolist())) + len(set(upper.tolist())) != 2 * count:
-        return []
-    matched = zip(lower.tolist(), upper.tolist(), strict=True)
-    return [shells, *((holes[0][first], holes[1][second]) for first, second in matched)]
 
 
 def _bridge(slab: Slab) -> None:

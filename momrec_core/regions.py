@@ -11,15 +11,14 @@ import numpy as np
 import shapely
 from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
-from shapely import MultiPolygon, Polygon
+from shapely import MultiPolygon
 
-from momrec_core._clipping import clip, hold, measure, simplify
+from momrec_core._clipping import apart, clip, hold, measure, simplify
 from momrec_core.rings import Rings, ends_of, number_within
 
 __all__ = ["Footprints", "Regions"]
 
 CLEARANCE = 1e-6  # units: boundaries that come nearer to each other's vertices are degenerate
-MOSTLY = 0.5  # of a hole's vertices: inside the shell around it, wherever the others touch it
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,36 +144,8 @@ class Regions:
         ends : array of int, shape (regions + 1,)
             The first piece of each region, and the number of pieces.
         """
-        is_shell = self.rings.areas > 0
-        shells, holes = np.flatnonzero(is_shell), np.flatnonzero(~is_shell)
-        ends = np.searchsorted(shells, self.first)
-        if len(holes) == 0:
-            return Regions(self.rings, np.arange(len(shells) + 1)), ends
-        has_shell = (np.diff(ends) > 0)[self.owners]
-        if not has_shell.all():
-            owned = self._of_contours(np.flatnonzero(has_shell), self.owners[has_shell], len(self))
-            return owned.apart()
-        pieces = np.cumsum(is_shell) - 1
-        for hole in holes.tolist():
-            low, high = ends[self.owners[hole] :][:2].tolist()
-            pieces[hole] = low + self._around(hole, shells[low:high]) if high - low > 1 else low
-        order = np.lexsort([~is_shell, pieces])
-        return self._of_contours(order, pieces, len(shells)), ends
-
-    def _of_contours(
-        self, contours: NDArray[np.int64], owners: NDArray[np.int64], count: int
-    ) -> Regions:
-        """Return so many regions of some of the contours, in order, each of those it owns."""
-        vertices, _ = self.rings.around(contours)
-        rings = Rings(self.rings.points[vertices], ends_of(self.rings.counts[contours]))
-        return Regions(rings, ends_of(np.bincount(owners, minlength=count)))
-
-    def _around(self, hole: int, shells: NDArray[np.int64]) -> int:
-        """Return which of several shells is the smallest one around a hole."""
-        points = self.rings.loop(hole).T
-        polygons = [Polygon(self.rings.loop(shell)) for shell in shells]
-        shares = [shapely.contains_xy(polygon, *points).mean() for polygon in polygons]
-        return int(np.lexsort([self.rings.areas[shells], np.array(shares) < MOSTLY])[0])
+        ends = np.empty(len(self) + 1, dtype=np.int64)
+        return _regions(*apart(*self.arrays, ends)), ends
 
     def polygons(self, unit: float) -> list[MultiPolygon]:
         """Return the regions in other units, ``unit`` of which are one of these."""
@@ -194,6 +165,11 @@ class Regions:
         vertices, _ = self.rings.around(contours)
         rings = Rings(self.rings.points[vertices], ends_of(self.rings.counts[contours]))
         return Regions(rings, ends_of(counts))
+
+    def common_area(self, one: int, other: int) -> float:
+        """Return the area that two of the regions have in common, by Clipper2."""
+        common = Regions.of_sections([self.section(one) ^ self.section(other)])
+        return float(common.areas[0])
 
     def loops(self, region: int) -> list[NDArray[np.float64]]:
         """Return the contours of a region, each shape (n_i, 2)."""
