@@ -1,7 +1,7 @@
 /* Pieces of adjacent layers grouped by what overlaps.
  *
  * Two pieces overlap where they have an area in common: often the middle of what their boxes share
- * lies in both, else they are clipped with each other. Where that is degenerate, a library is asked.
+ * lies in both, else they are clipped with each other, or where that is degenerate by a library.
  */
 
 #include "_clipping.h"
@@ -10,19 +10,36 @@
  * A pair: slab, piece below and above, contours of each, number of each one's first in its layer.
  * A knot's member: slab, number of the knot in it, side (0 below, 1 above), piece. */
 enum { PAIR = 6, MEMBER = 4 };
+enum { MOST_BATCHES = 1000000 }; /* so that their arrays can be counted */
 
-/* What decides about overlaps, and how the pieces are kept. */
+/* The pieces of several layers. */
 typedef struct {
     Regions pieces;
-    const double *areas; /* of the pieces */
+    const double *areas;
     const Box *boxes;
-    const int64_t *starts, *counts; /* (2 slabs,): a layer's first piece, and how many it has */
+} Batch;
+
+/* A layer: so many of a batch's pieces from one on. */
+typedef struct {
+    int64_t batch, first, count;
+} Layer;
+
+typedef struct {
+    const Batch *batch;
+    int64_t number; /* in the batch */
+} Piece;
+
+/* What is to be matched, and what decides about it. */
+typedef struct {
+    Batch *batches;
+    Py_ssize_t batch_count;
+    const Layer *layers; /* (2 slabs,): below and above each */
     Py_ssize_t slabs;
     const int64_t *listed; /* (n, 3): slabs, in order, and pieces of both layers to try there */
     Py_ssize_t listed_count;
-    int64_t most_tried; /* pairs of a slab: where there could be more, only those listed are tried */
+    int64_t most_tried; /* pairs of a slab: of more, only those listed are tried */
     double area_ratio, width_ratio, tolerance;
-    PyObject *library; /* returns the area that two pieces have in common */
+    PyObject *library; /* returns the area in common of a slab's pieces below and above */
     PyThreadState *thread;
 } Task;
 
@@ -43,7 +60,7 @@ typedef struct {
     Room clipping;
     Edges edges;
     Outline outline;
-    int64_t laid; /* the piece that the outline is of */
+    Piece laid; /* that the outline is of; of no batch if of none */
     List overlaps, nodes;
     List pairs, members, shares; /* results */
 } Desk;
@@ -58,12 +75,19 @@ static int add_row(List *table, const int64_t *row, size_t columns)
 
 /* --- areas in common ---------------------------------------------------------------------- */
 
+/* Return a piece of a slab's lower or upper layer. */
+static Piece piece_at(const Task *task, Py_ssize_t slab, int side, int64_t place)
+{
+    const Layer *layer = &task->layers[2 * slab + side];
+    return (Piece){&task->batches[layer->batch], layer->first + place};
+}
+
 /* Ask the library for the area that two pieces have in common; return 0 with an error set. */
-static int ask_library(Task *task, const int64_t pieces[2], double *area)
+static int ask_library(Task *task, Py_ssize_t slab, const int64_t places[2], double *area)
 {
     PyEval_RestoreThread(task->thread);
-    PyObject *answer = PyObject_CallFunction(task->library, "LL", (long long)pieces[0],
-                                             (long long)pieces[1]);
+    PyObject *answer = PyObject_CallFunction(task->library, "nLL", slab, (long long)places[0],
+                                             (long long)places[1]);
     *area = answer == NULL ? -1.0 : PyFloat_AsDouble(answer);
     Py_XDECREF(answer);
     const int is_good = !PyErr_Occurred();
@@ -72,12 +96,12 @@ static int ask_library(Task *task, const int64_t pieces[2], double *area)
 }
 
 /* Lay a piece out as the outline that others are clipped with, unless it is. */
-static int lay_outline(const Task *task, Desk *desk, int64_t piece)
+static int lay_outline(Desk *desk, Piece piece)
 {
-    if (desk->laid == piece)
+    if (desk->laid.batch == piece.batch && desk->laid.number == piece.number)
         return 1;
-    desk->laid = -1;
-    if (!lay_out(&desk->outline.edges, desk->outline.memory, &task->pieces, piece)
+    desk->laid.batch = NULL;
+    if (!lay_out(&desk->outline.edges, desk->outline.memory, &piece.batch->pieces, piece.number)
         || !enter_edges(&desk->outline))
         return 0;
     desk->laid = piece;
@@ -85,18 +109,21 @@ static int lay_outline(const Task *task, Desk *desk, int64_t piece)
 }
 
 /* Measure the area that two pieces have in common; return 0 if memory or the library fails. */
-static int measure_common(Task *task, Desk *desk, const int64_t pieces[2], double *area)
+static int measure_common(Task *task, Desk *desk, Py_ssize_t slab, const int64_t places[2],
+                          double *area)
 {
     static const double NOWHERE[2] = {0.0, 0.0};
+    const Piece low = piece_at(task, slab, 0, places[0]), high = piece_at(task, slab, 1, places[1]);
     Room *room = &desk->clipping;
     room->points.count = room->rings.count = 0;
-    if (!lay_out(&desk->edges, room->memory, &task->pieces, pieces[0])
-        || !lay_outline(task, desk, pieces[1]) || !add_end(&room->rings, 0))
+    if (!lay_out(&desk->edges, room->memory, &low.batch->pieces, low.number)
+        || !lay_outline(desk, high) || !add_end(&room->rings, 0))
         return 0;
-    Side sides[2] = {{&desk->edges, 1.0, NOWHERE, NULL}, {&desk->outline.edges, 1.0, NOWHERE, NULL}};
+    Side sides[2] = {{&desk->edges, 1.0, NOWHERE, NULL},
+                     {&desk->outline.edges, 1.0, NOWHERE, NULL}};
     const Outcome outcome = intersect(room, sides, &desk->outline, task->tolerance);
     if (outcome == DOUBTFUL)
-        return ask_library(task, pieces, area);
+        return ask_library(task, slab, places, area);
     if (outcome == NO_MEMORY)
         return 0;
     const int64_t all[2] = {0, (int64_t)room->rings.count - 1};
@@ -115,44 +142,45 @@ static int boxes_overlap(const Box *one, const Box *other)
            & (one->low[1] < other->high[1]) & (other->low[1] < one->high[1]);
 }
 
-/* Return the number, among all, of a piece of a slab's lower or upper layer. */
-static int64_t piece_at(const Task *task, Py_ssize_t slab, int side, int64_t place)
+/* Tell whether a piece holds a point. */
+static int holds(Piece piece, const double *point)
 {
-    return task->starts[2 * slab + side] + place;
+    return region_holds(&piece.batch->pieces, piece.number, point);
 }
 
 /* Add two pieces to the overlaps if they have an area in common. */
 static int add_overlap(Task *task, Desk *desk, Py_ssize_t slab, int64_t low, int64_t high)
 {
-    const int64_t pieces[2] = {piece_at(task, slab, 0, low), piece_at(task, slab, 1, high)};
-    const Box *one = &task->boxes[pieces[0]], *other = &task->boxes[pieces[1]];
+    const Piece pieces[2] = {piece_at(task, slab, 0, low), piece_at(task, slab, 1, high)};
+    const Box *one = &pieces[0].batch->boxes[pieces[0].number];
+    const Box *other = &pieces[1].batch->boxes[pieces[1].number];
     if (!boxes_overlap(one, other))
         return 1;
-    double middle[2], common = NAN;
+    Overlap found = {{low, high}, NAN, 0};
+    double middle[2];
     for (int axis = 0; axis < 2; axis++)
         middle[axis] = (greater(one->low[axis], other->low[axis])
                         + lesser(one->high[axis], other->high[axis])) / 2;
-    if (!region_holds(&task->pieces, pieces[0], middle)
-        || !region_holds(&task->pieces, pieces[1], middle)) {
-        if (!measure_common(task, desk, pieces, &common))
+    if (!holds(pieces[0], middle) || !holds(pieces[1], middle)) {
+        if (!measure_common(task, desk, slab, found.place, &found.common))
             return 0;
-        if (!(common > 0))
+        if (!(found.common > 0))
             return 1;
     }
     Overlap *overlap = appended(&desk->overlaps, sizeof(Overlap));
     if (overlap != NULL)
-        *overlap = (Overlap){{low, high}, common, 0};
+        *overlap = found;
     return overlap != NULL;
 }
 
 /* Find the overlaps of a slab; advance in the list of pairs to try. */
 static int find_overlaps(Task *task, Desk *desk, Py_ssize_t slab, Py_ssize_t *listed)
 {
-    const int64_t *counts = task->counts + 2 * slab;
+    const Layer *layers = task->layers + 2 * slab;
     desk->overlaps.count = 0;
-    if (counts[1] == 0 || counts[0] <= task->most_tried / counts[1]) {
-        for (int64_t low = 0; low < counts[0]; low++)
-            for (int64_t high = 0; high < counts[1]; high++)
+    if (layers[1].count == 0 || layers[0].count <= task->most_tried / layers[1].count) {
+        for (int64_t low = 0; low < layers[0].count; low++)
+            for (int64_t high = 0; high < layers[1].count; high++)
                 if (!add_overlap(task, desk, slab, low, high))
                     return 0;
     }
@@ -166,14 +194,15 @@ static int find_overlaps(Task *task, Desk *desk, Py_ssize_t slab, Py_ssize_t *li
 /* --- pairs -------------------------------------------------------------------------------- */
 
 /* Tell whether two pieces may be one and the same a little higher. */
-static int are_images(const Task *task, const int64_t pieces[2])
+static int are_images(const Task *task, Piece low, Piece high)
 {
-    const double ratio = task->areas[pieces[0]] / task->areas[pieces[1]];
+    const double ratio = low.batch->areas[low.number] / high.batch->areas[high.number];
+    const Box *one = &low.batch->boxes[low.number], *other = &high.batch->boxes[high.number];
     int are_similar = ratio > task->area_ratio && ratio < 1 / task->area_ratio;
     for (int axis = 0; axis < 2; axis++) {
-        const double one = task->boxes[pieces[0]].high[axis] - task->boxes[pieces[0]].low[axis];
-        const double other = task->boxes[pieces[1]].high[axis] - task->boxes[pieces[1]].low[axis];
-        are_similar &= lesser(one, other) > task->width_ratio * greater(one, other);
+        const double width = one->high[axis] - one->low[axis];
+        const double other_width = other->high[axis] - other->low[axis];
+        are_similar &= lesser(width, other_width) > task->width_ratio * greater(width, other_width);
     }
     return are_similar;
 }
@@ -181,40 +210,54 @@ static int are_images(const Task *task, const int64_t pieces[2])
 /* Number a slab's pieces as nodes: those below, then those above. */
 static Node *count_degrees(const Task *task, Desk *desk, Py_ssize_t slab)
 {
-    const int64_t *counts = task->counts + 2 * slab;
-    Node *nodes = reserved(&desk->nodes, (size_t)(counts[0] + counts[1]), sizeof(Node));
+    const int64_t below = task->layers[2 * slab].count;
+    const int64_t count = below + task->layers[2 * slab + 1].count;
+    Node *nodes = reserved(&desk->nodes, (size_t)count, sizeof(Node));
     const Overlap *overlaps = desk->overlaps.items;
     if (nodes == NULL)
         return NULL;
-    for (int64_t node = 0; node < counts[0] + counts[1]; node++)
+    for (int64_t node = 0; node < count; node++)
         nodes[node] = (Node){0, node, 0, 0};
     for (size_t place = 0; place < desk->overlaps.count; place++) {
         nodes[overlaps[place].place[0]].degree++;
-        nodes[counts[0] + overlaps[place].place[1]].degree++;
+        nodes[below + overlaps[place].place[1]].degree++;
     }
     return nodes;
+}
+
+/* Return a piece's first contour in its batch. */
+static int64_t first_contour(Piece piece)
+{
+    return piece.batch->pieces.regions[piece.number];
+}
+
+/* Return the number of a piece's contours. */
+static int64_t contours_of(Piece piece)
+{
+    return piece.batch->pieces.regions[piece.number + 1] - first_contour(piece);
 }
 
 /* Add a slab's pairs: pieces alike that overlap nothing else, with as many contours. */
 static int add_pairs(const Task *task, Desk *desk, Py_ssize_t slab, Node *nodes)
 {
     Overlap *overlap = desk->overlaps.items;
-    const int64_t *first = task->pieces.regions;
+    const int64_t below = task->layers[2 * slab].count;
+    const Piece first[2] = {piece_at(task, slab, 0, 0), piece_at(task, slab, 1, 0)};
     for (size_t left = desk->overlaps.count; left > 0; left--, overlap++) {
-        Node *const ends[2] = {nodes + overlap->place[0],
-                               nodes + task->counts[2 * slab] + overlap->place[1]};
-        const int64_t pieces[2] = {piece_at(task, slab, 0, overlap->place[0]),
-                                   piece_at(task, slab, 1, overlap->place[1])};
-        const int64_t contours = first[pieces[0] + 1] - first[pieces[0]];
-        if (ends[0]->degree != 1 || ends[1]->degree != 1 || !are_images(task, pieces)
-            || first[pieces[1] + 1] - first[pieces[1]] != contours)
+        const int64_t *place = overlap->place;
+        Node *const low = nodes + place[0], *const high = nodes + below + place[1];
+        const Piece pieces[2] = {piece_at(task, slab, 0, place[0]),
+                                 piece_at(task, slab, 1, place[1])};
+        const int64_t contours = contours_of(pieces[0]);
+        if (low->degree != 1 || high->degree != 1 || contours_of(pieces[1]) != contours
+            || !are_images(task, pieces[0], pieces[1]))
             continue;
-        const int64_t row[PAIR] = {slab, overlap->place[0], overlap->place[1], contours,
-                                   first[pieces[0]] - first[piece_at(task, slab, 0, 0)],
-                                   first[pieces[1]] - first[piece_at(task, slab, 1, 0)]};
+        const int64_t row[PAIR] = {slab, place[0], place[1], contours,
+                                   first_contour(pieces[0]) - first_contour(first[0]),
+                                   first_contour(pieces[1]) - first_contour(first[1])};
         if (!add_row(&desk->pairs, row, PAIR))
             return 0;
-        overlap->is_pair = ends[0]->is_paired = ends[1]->is_paired = 1;
+        overlap->is_pair = low->is_paired = high->is_paired = 1;
     }
     return 1;
 }
@@ -236,11 +279,10 @@ static int connect(Task *task, Desk *desk, Py_ssize_t slab, Node *nodes, double 
         if (overlap->is_pair)
             continue;
         const int64_t one = root_of(nodes, overlap->place[0]);
-        const int64_t other = root_of(nodes, task->counts[2 * slab] + overlap->place[1]);
+        const int64_t other = root_of(nodes, task->layers[2 * slab].count + overlap->place[1]);
         nodes[one > other ? one : other].parent = one > other ? other : one;
-        const int64_t pieces[2] = {piece_at(task, slab, 0, overlap->place[0]),
-                                   piece_at(task, slab, 1, overlap->place[1])};
-        if (isnan(overlap->common) && !measure_common(task, desk, pieces, &overlap->common))
+        if (isnan(overlap->common)
+            && !measure_common(task, desk, slab, overlap->place, &overlap->common))
             return 0;
         *common += overlap->common;
     }
@@ -250,18 +292,21 @@ static int connect(Task *task, Desk *desk, Py_ssize_t slab, Node *nodes, double 
 /* Add the pieces that are in no pair, each with the number of its knot in the slab. */
 static int add_members(const Task *task, Desk *desk, Py_ssize_t slab, Node *nodes, double *areas)
 {
-    const int64_t *counts = task->counts + 2 * slab;
+    const int64_t below = task->layers[2 * slab].count;
+    const int64_t count = below + task->layers[2 * slab + 1].count;
     int64_t groups = 0;
-    for (int64_t node = 0; node < counts[0] + counts[1]; node++) {
+    for (int64_t node = 0; node < count; node++) {
         if (nodes[node].is_paired)
             continue;
         const int64_t root = root_of(nodes, node); /* the first of all that are connected */
         nodes[node].group = root == node ? groups++ : nodes[root].group;
-        const int side = node >= counts[0];
-        const int64_t place = side ? node - counts[0] : node;
-        if (!add_row(&desk->members, (int64_t[MEMBER]){slab, nodes[node].group, side, place}, MEMBER))
+        const int side = node >= below;
+        const int64_t place = side ? node - below : node;
+        const Piece piece = piece_at(task, slab, side, place);
+        const int64_t row[MEMBER] = {slab, nodes[node].group, side, place};
+        if (!add_row(&desk->members, row, MEMBER))
             return 0;
-        areas[side] += task->areas[piece_at(task, slab, side, place)];
+        areas[side] += piece.batch->areas[piece.number];
     }
     return 1;
 }
@@ -299,46 +344,109 @@ static void clear_desk(Desk *desk)
 
 /* --- Python ------------------------------------------------------------------------------- */
 
-enum { POINTS, RINGS, PIECES, AREAS, BOXES, STARTS, COUNTS, LISTED, ARRAYS };
-enum { LIBRARY = ARRAYS, MOST_TRIED, AREA_RATIO, WIDTH_RATIO, TOLERANCE, ARGUMENTS };
+enum { POINTS, RINGS, PIECES, AREAS, BOXES, BATCH_ARRAYS };
 
-static const ArrayKind KINDS[ARRAYS] = {
-    {"points", 'd', 2, 0}, {"rings", 'q', 0, 0},  {"pieces", 'q', 0, 0}, {"areas", 'd', 0, 0},
-    {"boxes", 'd', 4, 0},  {"starts", 'q', 0, 0}, {"counts", 'q', 0, 0}, {"listed", 'q', 3, 0},
+static const ArrayKind BATCH_KINDS[BATCH_ARRAYS] = {
+    {"points", 'd', 2, 0}, {"rings", 'q', 0, 0}, {"pieces", 'q', 0, 0},
+    {"areas", 'd', 0, 0},  {"boxes", 'd', 4, 0},
 };
 
-/* Tell whether layers are among the pieces, and what is listed among the layers, in order. */
-static int are_layers(const Task *task)
+enum { LAYERS, LISTED, ARRAYS };
+
+static const ArrayKind KINDS[ARRAYS] = {{"layers", 'q', 3, 0}, {"listed", 'q', 3, 0}};
+
+enum {
+    BATCHES = ARRAYS, LIBRARY, MOST_TRIED, AREA_RATIO, WIDTH_RATIO, TOLERANCE, ARGUMENTS
+};
+
+static void release_batches(Task *task, Py_buffer *views)
 {
-    for (Py_ssize_t side = 0; side < 2 * task->slabs; side++)
-        if (task->starts[side] < 0 || task->starts[side] > task->pieces.count
-            || task->counts[side] < 0
-            || task->counts[side] > task->pieces.count - task->starts[side])
-            return 0;
-    for (Py_ssize_t place = 0; place < task->listed_count; place++) {
-        const int64_t *row = task->listed + 3 * place;
-        const int64_t least = place > 0 ? row[-3] : 0;
-        if (row[0] < least || row[0] >= task->slabs || row[1] < 0 || row[2] < 0
-            || row[1] >= task->counts[2 * row[0]] || row[2] >= task->counts[2 * row[0] + 1])
-            return 0;
-    }
-    return 1;
+    release_arrays(views, (int)task->batch_count * BATCH_ARRAYS);
+    PyMem_Free(views);
+    PyMem_Free(task->batches);
 }
 
+/* Get the arrays of all batches; return NULL with an error set if that fails. */
+static Py_buffer *get_batches(PyObject *batches, Task *task)
+{
+    if (!PyTuple_Check(batches) || PyTuple_GET_SIZE(batches) > MOST_BATCHES) {
+        PyErr_SetString(PyExc_TypeError, "Expected a tuple of batches");
+        return NULL;
+    }
+    const size_t count = (size_t)PyTuple_GET_SIZE(batches);
+    Py_buffer *views = PyMem_Calloc(count * BATCH_ARRAYS + 1, sizeof(Py_buffer));
+    task->batches = PyMem_Calloc(count + 1, sizeof(Batch));
+    int is_good = 1;
+    if (views == NULL || task->batches == NULL) {
+        PyErr_NoMemory();
+        is_good = 0;
+    }
+    for (size_t place = 0; is_good && place < count; place++) {
+        Py_buffer *own = views + place * BATCH_ARRAYS;
+        Batch *batch = &task->batches[place];
+        PyObject *arrays = PyTuple_GET_ITEM(batches, place);
+        if (!PyTuple_Check(arrays))
+            PyErr_SetString(PyExc_TypeError, "Expected a tuple of arrays for each batch");
+        is_good = PyTuple_Check(arrays)
+                  && get_arrays(&PyTuple_GET_ITEM(arrays, 0), PyTuple_GET_SIZE(arrays), BATCH_KINDS,
+                                BATCH_ARRAYS, own);
+        if (!is_good)
+            break;
+        task->batch_count++;
+        batch->areas = own[AREAS].buf;
+        batch->boxes = own[BOXES].buf;
+        is_good = are_regions(own, &batch->pieces)
+                  && own[AREAS].shape[0] == batch->pieces.count
+                  && own[BOXES].shape[0] == batch->pieces.count;
+        if (!is_good)
+            reject();
+    }
+    if (is_good)
+        return views;
+    release_batches(task, views);
+    return NULL;
+}
+
+/* Tell whether layers are among the pieces, and what is listed among the layers, in order. */
 static int is_consistent(const Py_buffer *views, Task *task)
 {
-    task->areas = views[AREAS].buf;
-    task->boxes = views[BOXES].buf;
-    task->starts = views[STARTS].buf;
-    task->counts = views[COUNTS].buf;
-    task->slabs = views[STARTS].shape[0] / 2;
+    task->layers = views[LAYERS].buf;
+    task->slabs = views[LAYERS].shape[0] / 2;
     task->listed = views[LISTED].buf;
     task->listed_count = views[LISTED].shape[0];
-    return are_regions(views, &task->pieces) && views[AREAS].shape[0] == task->pieces.count
-           && views[BOXES].shape[0] == task->pieces.count
-           && views[STARTS].shape[0] == 2 * task->slabs
-           && views[COUNTS].shape[0] == 2 * task->slabs && task->most_tried >= 0
-           && task->tolerance >= 0 && task->tolerance <= MOST && are_layers(task);
+    int is_good = views[LAYERS].shape[0] == 2 * task->slabs && task->most_tried >= 0
+                  && task->tolerance >= 0 && task->tolerance <= MOST;
+    for (const Layer *layer = task->layers; is_good && layer < task->layers + 2 * task->slabs;
+         layer++) {
+        is_good = layer->batch >= 0 && layer->batch < task->batch_count && layer->first >= 0;
+        const int64_t pieces = is_good ? task->batches[layer->batch].pieces.count : 0;
+        is_good = is_good && layer->first <= pieces && layer->count >= 0
+                  && layer->count <= pieces - layer->first;
+    }
+    for (Py_ssize_t place = 0; is_good && place < task->listed_count; place++) {
+        const int64_t *row = task->listed + 3 * place, least = place > 0 ? row[-3] : 0;
+        is_good = row[0] >= least && row[0] < task->slabs && row[1] >= 0 && row[2] >= 0
+                  && row[1] < task->layers[2 * row[0]].count
+                  && row[2] < task->layers[2 * row[0] + 1].count;
+    }
+    return is_good;
+}
+
+/* Match what has been checked; return NULL with an error set if memory or the library fails. */
+static PyObject *matches_of(Task *task)
+{
+    PyObject *result = NULL;
+    Desk desk = {0};
+    task->thread = PyEval_SaveThread();
+    const int is_good = match_all(task, &desk);
+    PyEval_RestoreThread(task->thread);
+    if (is_good)
+        result = Py_BuildValue("NNN", bytes_of(&desk.pairs), bytes_of(&desk.members),
+                               bytes_of(&desk.shares));
+    else if (!PyErr_Occurred())
+        PyErr_NoMemory();
+    clear_desk(&desk);
+    return result;
 }
 
 static PyObject *match(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -354,20 +462,11 @@ static PyObject *match(PyObject *module, PyObject *const *arguments, Py_ssize_t 
                  .tolerance = PyFloat_AsDouble(arguments[TOLERANCE])};
     if (PyErr_Occurred() || !get_arrays(arguments, ARRAYS, KINDS, ARRAYS, views))
         return NULL;
+    Py_buffer *batch_views = get_batches(arguments[BATCHES], &task);
     PyObject *result = NULL;
-    if (is_consistent(views, &task)) {
-        Desk desk = {.laid = -1};
-        task.thread = PyEval_SaveThread();
-        const int is_good = match_all(&task, &desk);
-        PyEval_RestoreThread(task.thread);
-        if (is_good)
-            result = Py_BuildValue("NNN", bytes_of(&desk.pairs), bytes_of(&desk.members),
-                                   bytes_of(&desk.shares));
-        else if (!PyErr_Occurred())
-            PyErr_NoMemory();
-        clear_desk(&desk);
-    } else {
-        reject();
+    if (batch_views != NULL) {
+        result = is_consistent(views, &task) ? matches_of(&task) : reject();
+        release_batches(&task, batch_views);
     }
     release_arrays(views, ARRAYS);
     return result;

@@ -1,18 +1,22 @@
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+Batch: TypeAlias = tuple[
+    NDArray[np.float64],  # points
+    NDArray[np.int64],  # rings
+    NDArray[np.int64],  # pieces
+    NDArray[np.float64],  # areas
+    NDArray[np.float64],  # boxes
+]
+
 def match(
-    points: NDArray[np.float64],
-    rings: NDArray[np.int64],
-    pieces: NDArray[np.int64],
-    areas: NDArray[np.float64],
-    boxes: NDArray[np.float64],
-    starts: NDArray[np.int64],
-    counts: NDArray[np.int64],
+    layers: NDArray[np.int64],
     listed: NDArray[np.int64],
-    library: Callable[[int, int], float],
+    batches: tuple[Batch, ...],
+    library: Callable[[int, int, int], float],
     most_tried: int,
     area_ratio: float,
     width_ratio: float,

@@ -76,6 +76,11 @@ class Layer:
         """The pieces' areas, in squared units."""
         return self.batch.areas[self.low : self.high]
 
+    @property
+    def boxes(self) -> NDArray[np.float64]:
+        """The pieces' boxes, shape (n, 4); see `Regions`."""
+        return self.batch.boxes[self.low : self.high]
+
     def contours(self, piece: int) -> range:
         """Return the numbers of a piece's contours: its shell, then its holes."""
         begins, at = self.batch.begins, self.low + piece
@@ -112,8 +117,15 @@ def layers_of_sections(
     layers : list of Layer
     """
     pieces, ends = sections.cleaned(CLEANING).apart()
-    spans = zip(map(float, offsets), pairwise(ends.tolist()), strict=True)
+    return _layers_of(offsets, pieces, ends)
+
+
+def _layers_of(
+    offsets: Sequence[float] | NDArray[np.float64], pieces: Regions, ends: NDArray[np.int64]
+) -> list[Layer]:
+    """Return layers of pieces that stand one behind the other, and end so."""
     areas = pieces.areas.tolist()
+    spans = zip(map(float, offsets), pairwise(ends.tolist()), strict=True)
     return [Layer(offset, pieces, low, high, sum(areas[low:high])) for offset, (low, high) in spans]
 
 
@@ -189,12 +201,7 @@ class Slabs:
 def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     """Group the pieces of adjacent layers, below and above, by overlap."""
     slabs = [Slab(below, above) for below, above in pairs]
-    if not slabs:
-        return slabs
-    sides = [layer for pair in pairs for layer in pair]
-    pieces, starts = pieces_of_layers(sides)
-    counts = np.array([len(layer) for layer in sides], dtype=np.int64)
-    matches = _Matches.of(pieces, starts, counts, MIN_AREA_RATIO, LEAST_WIDTH)
+    matches = _Matches.of(pairs, MIN_AREA_RATIO, LEAST_WIDTH)
     with_holes = []
     for index, low, high, contours, below, above in matches.pairs.tolist():
         slabs[index].pairs[low, high] = [(below, above)]
@@ -236,35 +243,39 @@ class _Matches:
 
     @classmethod
     def of(
-        cls,
-        pieces: Regions,
-        starts: NDArray[np.int64],
-        counts: NDArray[np.int64],
-        area_ratio: float,
-        width_ratio: float,
+        cls, slabs: Sequence[tuple[Layer, Layer]], area_ratio: float, width_ratio: float
     ) -> _Matches:
-        """Match layers below and above slabs in turn.
+        """Match the layers below and above slabs.
 
         Parameters
         ----------
-        pieces : Regions
-            Those of all layers.
-        starts, counts : array of int, shape (2 slabs,)
-            Where each layer's begin, and how many it has.
+        slabs : sequence of (Layer, Layer)
+            The layers.
         area_ratio, width_ratio : float
             How much smaller, or narrower in x or y, a piece may be than one that is alike.
         """
-        listed = _candidates(pieces.boxes, starts.reshape(-1, 2), counts.reshape(-1, 2))
-        limits = FEW_PAIRS, area_ratio, width_ratio, CLEARANCE
+        sides = [layer for slab in slabs for layer in slab]
+        batches = {id(layer.batch): layer.batch for layer in sides}
+        numbers = dict(zip(batches, range(len(batches)), strict=True))
+        spans = [(numbers[id(layer.batch)], layer.low, layer.high - layer.low) for layer in sides]
+        layers = np.array(spans, dtype=np.int64).reshape(-1, 3)
+        counts = layers[:, 2].reshape(-1, 2)
+        crowded = np.flatnonzero(counts[:, 0] * counts[:, 1] > FEW_PAIRS)
+
+        def common_area(slab: int, low: int, high: int) -> float:
+            below, above = slabs[slab]
+            section = below.alone(low).section(0) ^ above.alone(high).section(0)
+            return float(Regions.of_sections([section]).areas[0])
+
         pairs, members, areas = match(
-            *pieces.arrays,
-            pieces.areas,
-            pieces.boxes,
-            starts,
-            counts,
-            listed,
-            pieces.common_area,
-            *limits,
+            layers,
+            _candidates(slabs, crowded),
+            tuple((*batch.arrays, batch.areas, batch.boxes) for batch in batches.values()),
+            common_area,
+            FEW_PAIRS,
+            area_ratio,
+            width_ratio,
+            CLEARANCE,
         )
         return cls(
             np.frombuffer(pairs, dtype=np.int64).reshape(-1, 6),
@@ -274,16 +285,9 @@ class _Matches:
 
 
 def _candidates(
-    boxes: NDArray[np.float64], starts: NDArray[np.int64], counts: NDArray[np.int64]
+    slabs: Sequence[tuple[Layer, Layer]], chosen: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Return the pieces whose boxes meet where trying all would take too long.
-
-    Parameters
-    ----------
-    boxes : array, shape (pieces, 4)
-        Of all pieces.
-    starts, counts : array of int, shape (slabs, 2)
-        The first piece below and above, and how many there are.
+    """Return the pieces of some of the slabs whose boxes meet.
 
     Returns
     -------
@@ -291,11 +295,8 @@ def _candidates(
         Slab, and the pieces' numbers in the layers below and above.
     """
     found = [np.empty((0, 3), dtype=np.int64)]
-    for slab in np.flatnonzero(counts[:, 0] * counts[:, 1] > FEW_PAIRS).tolist():
-        low, high = (
-            shapely.box(*boxes[start : start + count].T)
-            for start, count in zip(starts[slab], counts[slab], strict=True)
-        )
+    for slab in chosen.tolist():
+        low, high = (shapely.box(*layer.boxes.T) for layer in slabs[slab])
         places = shapely.STRtree(high).query(low).T
         found.append(np.column_stack([np.full(len(places), slab), places]))
     return np.concatenate(found)
@@ -303,18 +304,21 @@ def _candidates(
 
 def _match_holes(pairs: Sequence[tuple[Slab, int, int]]) -> None:
     """Match the holes of pairs of pieces by overlap; make knots where that isn't one to one."""
-    rings, holes = [], []
-    for slab, low, high in pairs:
-        below, above = slab.below.contours(low)[1:], slab.above.contours(high)[1:]
-        rings += [slab.below.rings.loop(hole)[::-1] for hole in below]
-        rings += [slab.above.rings.loop(hole)[::-1] for hole in above]
-        holes.append((below, above))
-    counts = np.array([len(below) for below, above in holes], dtype=np.int64).repeat(2)
+    sides = [
+        (layer, layer.contours(piece)[1:])
+        for slab, *pieces in pairs
+        for layer, piece in zip((slab.below, slab.above), pieces, strict=True)
+    ]
+    rings = [layer.rings.loop(hole)[::-1] for layer, holes in sides for hole in holes]
     inside = Regions.of_rings([[ring] for ring in rings])
-    matches = _Matches.of(inside, ends_of(counts)[:-1], counts, 0.0, 0.0)
+    ends = ends_of(np.array([len(holes) for _, holes in sides]))
+    layers = _layers_of([layer.offset for layer, _ in sides], inside, ends)
+    slabs = list(zip(layers[::2], layers[1::2], strict=True))
+    matches = _Matches.of(slabs, area_ratio=0.0, width_ratio=0.0)
     for index, low, high, *_ in matches.pairs.tolist():
-        slab, *pair = pairs[index]
-        slab.pairs[tuple(pair)].append((holes[index][0][low], holes[index][1][high]))
+        slab, *pieces = pairs[index]
+        matched = sides[2 * index][1][low], sides[2 * index + 1][1][high]
+        slab.pairs[pieces[0], pieces[1]].append(matched)
     for index in np.unique(matches.members[:, 0]).tolist():
         _tie(*pairs[index])
 

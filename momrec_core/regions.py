@@ -166,11 +166,6 @@ class Regions:
         rings = Rings(self.rings.points[vertices], ends_of(self.rings.counts[contours]))
         return Regions(rings, ends_of(counts))
 
-    def common_area(self, one: int, other: int) -> float:
-        """Return the area that two of the regions have in common, by Clipper2."""
-        common = Regions.of_sections([self.section(one) ^ self.section(other)])
-        return float(common.areas[0])
-
     def loops(self, region: int) -> list[NDArray[np.float64]]:
         """Return the contours of a region, each shape (n_i, 2)."""
         ends = self.rings.first[self.begins[region] : self.begins[region + 1] + 1].tolist()
@@ -237,7 +232,7 @@ class Regions:
                 regions = regions.replaced(doubtful, Regions.of_sections(sections))
         return regions
 
-    @property
+    @cached_property
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
         """Points, and where contours and regions begin, contiguous."""
         points = np.ascontiguousarray(self.rings.points)
