@@ -10,6 +10,7 @@
 #define MOMREC_CLIPPING_H
 
 #include "_arrays.h"
+#include "_plane.h"
 
 #include <math.h>
 #include <stdint.h>
@@ -187,20 +188,6 @@ static inline void find_vertex(const Side *side, int64_t vertex, double *point)
 {
     for (int axis = 0; axis < 2; axis++)
         point[axis] = side->scale * side->edges->points[2 * vertex + axis] + side->shift[axis];
-}
-
-/* Return twice the area of a triangle: positive where the point is on the left of the edge. */
-static inline double cross(const double *start, const double *end, const double *point)
-{
-    return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0]);
-}
-
-/* Tell whether a ray to the right from a point crosses an edge. */
-static inline int is_passed(const double *start, const double *end, const double *point)
-{
-    if ((start[1] <= point[1]) == (end[1] <= point[1]))
-        return 0;
-    return (cross(start, end, point) > 0) == (end[1] > start[1]);
 }
 
 /* Tell whether a point lies inside what rings bound; `rings` tells where they begin and end. */

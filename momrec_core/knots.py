@@ -6,6 +6,14 @@ each region is triangulated in the plane and its vertices are lifted to the laye
 of. Where a contour below and one above cross or part, the region's border jumps from one layer to
 the other by a vertical edge; where they coincide, a vertical wall stands on them.
 
+To find the regions, contours are cut into chains at their own vertices. Two chains between the same
+places coincide: if they run the same way a wall stands on them, if not the one below bounds what
+faces up and the one above what faces down. Any other chain lies inside or outside the other layer's
+pieces, which the middle of a long one tells for all that follow before the layers meet again; it
+bounds what faces up if it is outside and below or inside and above. From chain to chain, furthest
+to the left where several go on, these bounds are followed until they close. `_knots.c` does this;
+`_filling.c` triangulates, and leaves to manifold3d what is degenerate.
+
 References
 ----------
 G. Barequet and M. Sharir, Piecewise-linear interpolation between polygonal slices, 1996.
@@ -13,19 +21,15 @@ G. Barequet and M. Sharir, Piecewise-linear interpolation between polygonal slic
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import manifold3d
 import numpy as np
 from numpy.typing import NDArray
 
 from momrec_core._filling import fill
-from momrec_core.regions import Regions
-from momrec_core.rings import Rings, number_within
+from momrec_core._knots import outline
 
 __all__ = ["Knots", "cap", "join_knots"]
 
@@ -121,283 +125,19 @@ def join_knots(
     failed : array of int
         The knots that are left out, as their contacts contradict each other, by rounding.
     """
-    if len(knots.knots) == 0:
-        return np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64)
-    chains = _Chains.of(knots, len(points))
-    partners, is_wall = _partners(chains)
-    rest = chains[~is_wall]
-    alone = np.flatnonzero(partners[~is_wall] < 0)
-    is_inside = np.zeros(len(rest.knots), dtype=bool)
-    runs = _runs(points, knots, rest[alone])
-    is_inside[alone] = _inside(points, knots, rest[alone[runs.longest]])[runs.numbers]
-    borders = rest.turned(is_inside)
-    faces_up = rest.is_above == is_inside
-    failed = np.unique(
-        np.concatenate(
-            [
-                _linked_twice(knots, len(points)),
-                chains.knots[_claimed_twice(partners)],
-                _unbalanced(borders, faces_up),
-            ]
-        )
+    parts = outline(
+        points,
+        knots.vertices,
+        knots.is_own,
+        knots.first,
+        knots.pieces,
+        knots.knots,
+        knots.is_above,
+        knots.links,
     )
-    walls = _walls(chains, partners, is_wall & ~np.isin(chains.knots, failed))
-    kept = ~np.isin(borders.knots, failed)
-    return np.concatenate([walls, *_fill(points, borders[kept], faces_up[kept])]), failed
-
-
-@dataclass(frozen=True, eq=False)
-class _Chains:
-    """Straight parts of contours between the vertices that take part in their knots' contacts.
-
-    Attributes
-    ----------
-    path : array of int, shape (n, 2)
-        The vertices that the edges of all contours lead from and to.
-    begin, end : array of int, shape (chains,)
-        The edges of each chain, as a range in `path`.
-    knots : array of int, shape (chains,)
-        The knot of each chain.
-    is_above : array of bool, shape (chains,)
-        Whether it is of the layer above.
-    ends : array of int, shape (chains, 2)
-        The places where it begins and ends, with one number for vertices that are linked.
-    is_back : array of bool, shape (chains,)
-        Whether it is passed from its end to its beginning.
-    """
-
-    path: NDArray[np.int64]
-    begin: NDArray[np.int64]
-    end: NDArray[np.int64]
-    knots: NDArray[np.int64]
-    is_above: NDArray[np.bool_]
-    ends: NDArray[np.int64]
-    is_back: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, knots: Knots, count: int) -> _Chains:
-        """Cut the contours at their own vertices; `count` is the number of all vertices."""
-        following = np.roll(knots.vertices, -1)
-        following[knots.first[1:] - 1] = knots.vertices[knots.first[:-1]]
-        begin = np.flatnonzero(knots.is_own)
-        end = np.append(begin[1:], len(following))
-        pieces = knots.pieces[np.searchsorted(knots.first, begin, side="right") - 1]
-        is_above = knots.is_above[pieces]
-        roots = np.arange(count)
-        roots[knots.links[:, 1]] = knots.links[:, 0]
-        vertices = np.column_stack([knots.vertices[begin], following[end - 1]])
-        places = np.where(is_above[:, None], roots[vertices], vertices)
-        _, ends = np.unique(places + count * knots.knots[pieces, None], return_inverse=True)
-        path = np.column_stack([knots.vertices, following])
-        forward = np.zeros(len(begin), dtype=bool)
-        return cls(path, begin, end, knots.knots[pieces], is_above, ends.reshape(-1, 2), forward)
-
-    def __getitem__(self, chosen: NDArray[Any]) -> _Chains:
-        columns = (self.begin, self.end, self.knots, self.is_above, self.ends, self.is_back)
-        return _Chains(self.path, *(column[chosen] for column in columns))
-
-    def turned(self, is_back: NDArray[np.bool_]) -> _Chains:
-        """Return the chains, some of them passed from their ends to their beginnings."""
-        ends = np.where(is_back[:, None], self.ends[:, ::-1], self.ends)
-        return replace(self, ends=ends, is_back=is_back)
-
-    @cached_property
-    def first_edges(self) -> NDArray[np.int64]:
-        """The edge that each chain begins with, in the direction of its passing, shape (c, 2)."""
-        return self._passed(np.where(self.is_back, self.end - 1, self.begin), self.is_back)
-
-    @cached_property
-    def last_edges(self) -> NDArray[np.int64]:
-        """The edge that each chain ends with, in the direction of its passing, shape (c, 2)."""
-        return self._passed(np.where(self.is_back, self.begin, self.end - 1), self.is_back)
-
-    def edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the edges along all chains, shape (m, 2), and the chain of each."""
-        owners, positions = number_within(self.end - self.begin)
-        is_back = self.is_back[owners]
-        at = np.where(is_back, self.end[owners] - 1 - positions, self.begin[owners] + positions)
-        return self._passed(at, is_back), owners
-
-    def _passed(self, at: NDArray[np.int64], is_back: NDArray[np.bool_]) -> NDArray[np.int64]:
-        tails, heads = 2 * at + is_back, 2 * at + ~is_back
-        return self.path.ravel()[np.stack([tails, heads], axis=1)]
-
-
-def _partners(chains: _Chains) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Match chains below and above that lie upon each other.
-
-    Returns
-    -------
-    partners : array of int, shape (chains,)
-        The other chain, or -1.
-    is_wall : array of bool, shape (chains,)
-        Whether the two run the same way, so that a wall stands between them.
-    """
-    count = int(chains.ends.max(initial=0)) + 1
-    keys, backward = chains.ends @ (count, 1), chains.ends @ (1, count)
-    above = np.flatnonzero(chains.is_above)
-    below = np.flatnonzero(~chains.is_above)
-    below = below[np.argsort(keys[below], kind="stable")]
-    partners = np.full(len(keys), -1)
-    is_wall = np.zeros(len(keys), dtype=bool)
-    for wanted, runs_along in ((backward[above], False), (keys[above], True)):
-        at = np.searchsorted(keys[below], wanted) % len(below)
-        found = keys[below[at]] == wanted
-        high, low = above[found], below[at[found]]
-        partners[high], partners[low] = low, high
-        is_wall[high] = is_wall[low] = runs_along
-    return partners, is_wall
-
-
-def _claimed_twice(partners: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell which chains are the partner of more than one."""
-    return np.asarray(np.bincount(partners[partners >= 0], minlength=len(partners)) > 1)
-
-
-def _linked_twice(knots: Knots, count: int) -> NDArray[np.int64]:
-    """Return the knots in which a vertex touches two others."""
-    pieces = np.repeat(knots.pieces, np.diff(knots.first))
-    knot_of = np.zeros(count, dtype=np.int64)
-    is_below = ~knots.is_above[pieces]
-    knot_of[knots.vertices[is_below]] = knots.knots[pieces[is_below]]
-    low, high = (np.bincount(side, minlength=count)[side] > 1 for side in knots.links.T)
-    return np.asarray(knot_of[knots.links[low | high, 0]])
-
-
-def _unbalanced(borders: _Chains, faces_up: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the knots in which the border of a region does not close."""
-    leaving, arriving = (2 * borders.ends + faces_up[:, None]).T
-    count = int(borders.ends.max(initial=0)) * 2 + 2
-    open_places = np.bincount(leaving, minlength=count) != np.bincount(arriving, minlength=count)
-    return np.asarray(borders.knots[open_places[leaving] | open_places[arriving]])
-
-
-def _walls(
-    chains: _Chains, partners: NDArray[np.int64], is_wall: NDArray[np.bool_]
-) -> NDArray[np.int64]:
-    """Return the vertical walls between chains that lie upon each other."""
-    foot, head = (np.flatnonzero(is_wall & side) for side in (~chains.is_above, chains.is_above))
-    below, low = chains[foot].edges()
-    above, high = chains[head].edges()
-    apexes = chains.first_edges[partners[foot], 0][low]
-    bases = chains.last_edges[partners[head], 1][high]
-    return np.concatenate(
-        [np.column_stack([below, apexes]), np.column_stack([bases, above[:, ::-1]])]
+    upright, vertices, ends, regions, failed = (
+        np.frombuffer(part, dtype=np.int64) for part in parts[:5]
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Runs:
-    """Chains one after the other, none of which meets a contour of the other layer in between.
-
-    Attributes
-    ----------
-    numbers : array of int, shape (chains,)
-        The run of each chain.
-    longest : array of int, shape (runs,)
-        The longest chain of each run.
-    """
-
-    numbers: NDArray[np.int64]
-    longest: NDArray[np.int64]
-
-
-def _runs(points: NDArray[np.float64], knots: Knots, chains: _Chains) -> _Runs:
-    starts, stops = chains.first_edges[:, 0], chains.last_edges[:, 1]
-    is_linked = np.zeros(len(points), dtype=bool)
-    is_linked[knots.links] = True
-    is_new = np.ones(len(starts), dtype=bool)
-    contours = np.searchsorted(knots.first, chains.begin, side="right")
-    follows = (chains.begin[1:] == chains.end[:-1]) & (contours[1:] == contours[:-1])
-    is_new[1:] = is_linked[starts[1:]] | ~follows
-    numbers = np.cumsum(is_new) - 1
-    squares = ((points[stops] - points[starts]) ** 2).sum(axis=1)
-    order = np.lexsort([squares, numbers])
-    return _Runs(numbers, order[np.flatnonzero(np.diff(numbers, append=-1))])
-
-
-def _inside(points: NDArray[np.float64], knots: Knots, chains: _Chains) -> NDArray[np.bool_]:
-    """Tell which chains run inside the pieces of the other layer."""
-    sides = (2 * knots.knots + knots.is_above)[knots.pieces]
-    first = np.searchsorted(sides, np.arange(2 * knots.knots[-1] + 3))
-    regions = Regions(Rings(points[knots.vertices, :2], knots.first), first)
-    ends = np.column_stack([chains.first_edges[:, 0], chains.last_edges[:, 1]])
-    return regions.hold(2 * chains.knots + ~chains.is_above, points[ends, :2].mean(axis=1))
-
-
-def _fill(
-    points: NDArray[np.float64], borders: _Chains, faces_up: NDArray[np.bool_]
-) -> Iterator[NDArray[np.int64]]:
-    """Triangulate the regions that chains bound on their left, facing up or down.
-
-    The corner between two chains belongs to the layer of the one that leaves it; where the one
-    that arrives is of the other layer, a vertical triangle leads over.
-    """
-    if len(faces_up) == 0:
-        return
-    following = _following(points, borders, 2 * borders.ends + faces_up[:, None])
-    leads = np.column_stack([borders.last_edges, borders.first_edges[following, 0]])
-    leads, is_up = leads[leads[:, 1] != leads[:, 2]], faces_up[leads[:, 1] != leads[:, 2]]
-    yield np.where(is_up[:, None], leads, leads[:, ::-1])
-    sequence, loops = _cycles(following, np.lexsort([faces_up, borders.knots]))
-    edges, owners = borders[sequence].edges()
-    ends = np.searchsorted(loops[owners], np.arange(loops[-1] + 2))
-    leaders = sequence[np.searchsorted(loops, np.arange(loops[-1] + 1))]
-    keys = 2 * borders.knots[leaders] + faces_up[leaders]
-    first = np.flatnonzero(np.diff(keys, prepend=-1))
-    regions = np.append(first, len(keys))
-    yield cap(points, edges[:, 0].copy(), ends, regions, faces_up[leaders[first]])
-
-
-def _following(
-    points: NDArray[np.float64], borders: _Chains, ends: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return the chain after each one: where several leave, the one furthest to the left."""
-    leaving, arriving = ends.T
-    order = np.argsort(leaving, kind="stable")
-    first = np.searchsorted(leaving[order], arriving)
-    following: NDArray[np.int64] = order[first]
-    meeting = np.bincount(leaving)[arriving]
-    tails, heads = (
-        np.diff(points[edges, :2], axis=1)[:, 0]
-        for edges in (borders.last_edges, borders.first_edges)
-    )
-    choices: dict[int, list[int]] = {}
-    for chain in np.flatnonzero(meeting > 1).tolist():
-        start = int(first[chain])
-        waiting = choices.setdefault(start, order[start : start + meeting[chain]].tolist())
-        following[chain] = waiting.pop(_leftmost(tails[chain], heads[waiting]))
-    return following
-
-
-def _leftmost(heading: NDArray[np.float64], leads: NDArray[np.float64]) -> int:
-    """Return which of several leads turns furthest to the left."""
-    sines = heading[0] * leads[:, 1] - heading[1] * leads[:, 0]
-    return int(np.argmax(np.arctan2(sines, leads @ heading)))
-
-
-def _cycles(
-    following: NDArray[np.int64], order: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Follow each chain to the next until it closes.
-
-    Returns
-    -------
-    sequence : array of int, shape (chains,)
-        The chains, cycle by cycle, the cycles by their first chains in the given order.
-    cycles : array of int, shape (chains,)
-        The cycle that each of these is of.
-    """
-    after: list[int] = following.tolist()
-    is_left = [True] * len(after)
-    sequence: list[int] = []
-    counts: list[int] = []
-    for start in order.tolist():
-        begin, chain = len(sequence), start
-        while is_left[chain]:
-            is_left[chain] = False
-            sequence.append(chain)
-            chain = after[chain]
-        if len(sequence) > begin:
-            counts.append(len(sequence) - begin)
-    return np.array(sequence), np.repeat(np.arange(len(counts)), counts)
+    faces_up = np.frombuffer(parts[5], dtype=bool)
+    flat = cap(points, vertices, ends, regions, faces_up)
+    return np.concatenate([upright.reshape(-1, 3), flat]), failed
