@@ -133,7 +133,7 @@ def join_knots(
         knots.pieces,
         knots.knots,
         knots.is_above,
-        knots.links,
+        np.ascontiguousarray(knots.links),
     )
     upright, vertices, ends, regions, failed = (
         np.frombuffer(part, dtype=np.int64) for part in parts[:5]

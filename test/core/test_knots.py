@@ -1,5 +1,6 @@
 """Surfaces between pieces that split, join and cross, against shapely's regions."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from manifold3d import CrossSection, FillRule
 
+from momrec_core.knots import Knots, join_knots
 from momrec_core.layers import Slabs, layers_of_sections
 from momrec_core.regions import Regions
 from momrec_core.tiling import tile
@@ -65,3 +67,99 @@ def test_a_hole_that_opens_is_closed_where_it_opens():
     assert mesh.euler_number == 2
     assert projected(mesh, True, HEIGHT, 2 * HEIGHT) == pytest.approx(400.0)
     assert mesh.volume == pytest.approx(HEIGHT * 400.0)
+
+
+BELOW = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0], [0.0, 2.0]])
+ABOVE = np.array([[1.0, 1.0], [2.0, 1.0], [3.0, 1.0], [3.0, 3.0], [1.0, 3.0], [1.0, 2.0]])
+CONTACTS = np.array([[2, 1], [4, 5]])  # of the vertices below and above
+
+
+def crossing_squares(count):
+    """Return the vertices of pairs of squares that cross each other, and each pair as a knot."""
+    contours = [
+        np.column_stack([square + 10.0 * pair, np.full(6, height)])
+        for pair in range(count)
+        for square, height in ((BELOW, 0.0), (ABOVE, HEIGHT))
+    ]
+    sides = np.arange(2 * count)
+    links = [CONTACTS + 12 * pair + (0, 6) for pair in range(count)]
+    knots = Knots(
+        np.arange(12 * count),
+        np.ones(12 * count, dtype=bool),
+        6 * np.arange(2 * count + 1),
+        sides,
+        sides // 2,
+        sides % 2 == 1,
+        np.concatenate(links),
+    )
+    return np.concatenate(contours), knots
+
+
+def upward_areas(points, triangles):
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    return np.cross(b - a, c - a)[:, 2] / 2
+
+
+def test_contours_that_cross_bound_what_faces_up_and_down_and_each_edge_is_used_once():
+    points, knots = crossing_squares(3)
+    triangles, failed = join_knots(points, knots)
+    assert len(failed) == 0
+    upward = upward_areas(points, triangles)
+    assert upward[upward > 0].sum() == pytest.approx(3 * 3.0)
+    assert upward[upward < 0].sum() == pytest.approx(3 * -3.0)
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    used = {tuple(edge) for edge in edges.tolist()}
+    assert len(used) == len(edges)
+    vertices = np.arange(36).reshape(-1, 6)
+    along = np.stack([vertices, np.roll(vertices, -1, axis=1)], axis=2)
+    along[1::2] = along[1::2, :, ::-1]
+    assert {(a, b) for a, b in used if (b, a) not in used} == set(
+        map(tuple, along.reshape(-1, 2).tolist())
+    )
+
+
+@pytest.mark.parametrize("contradiction", [(14, 20), (15, 23), (12, 19)])
+def test_a_knot_whose_contacts_contradict_each_other_is_left_out_alone(contradiction):
+    points, knots = crossing_squares(3)
+    links = np.concatenate([knots.links, [contradiction]])
+    triangles, failed = join_knots(points, replace(knots, links=links))
+    assert failed.tolist() == [1]
+    assert set(np.unique(triangles)) == {*range(12), *range(24, 36)}
+
+
+def test_a_contact_that_is_missed_leaves_its_knot_out():
+    points, knots = crossing_squares(2)
+    _, failed = join_knots(points, replace(knots, links=knots.links[1:]))
+    assert failed.tolist() == [0]
+
+
+def test_contours_that_coincide_are_joined_by_upright_walls():
+    points, knots = crossing_squares(1)
+    points[6:, :2] = BELOW
+    links = np.column_stack([np.arange(6), np.arange(6, 12)])
+    triangles, failed = join_knots(points, replace(knots, links=links))
+    assert len(failed) == 0
+    assert len(triangles) == 12
+    surface = trimesh.Trimesh(points, triangles, process=False)
+    assert surface.area == pytest.approx(8.0 * HEIGHT)
+    outward = surface.triangles_center - (1.0, 1.0, HEIGHT / 2)
+    assert ((surface.face_normals * outward).sum(axis=1) > 0).all()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"vertices": np.arange(12) + 1},
+        {"is_own": np.zeros(12, dtype=bool)},
+        {"first": np.array([0, 6, 13])},
+        {"first": np.array([0, 0, 12])},
+        {"pieces": np.array([0, 2])},
+        {"pieces": np.array([1, 0])},
+        {"is_above": np.array([True])},
+        {"links": np.array([[2, 12]])},
+    ],
+)
+def test_knots_that_do_not_agree_are_rejected(wrong):
+    points, knots = crossing_squares(1)
+    with pytest.raises(ValueError, match="Expected contours with vertices"):
+        join_knots(points, replace(knots, **wrong))
