@@ -6,6 +6,8 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
+#include <stdint.h>
+
 /* What an argument must be. */
 typedef struct {
     const char *name;
@@ -50,6 +52,19 @@ static inline int get_arrays(PyObject *const *arguments, Py_ssize_t given, const
             return 0;
         }
     }
+    return 1;
+}
+
+/* Tell whether numbers increase from 0 to a last one, each by so much at the least. */
+static inline int are_ends(const Py_buffer *ends, int64_t last, int64_t least)
+{
+    const int64_t *values = ends->buf;
+    const Py_ssize_t count = ends->shape[0];
+    if (count < 1 || values[0] != 0 || values[count - 1] != last)
+        return 0;
+    for (Py_ssize_t place = 1; place < count; place++)
+        if (values[place] > last || values[place] < values[place - 1] + least)
+            return 0;
     return 1;
 }
 

@@ -603,19 +603,6 @@ static inline void measure_region(const Regions *regions, int64_t region, double
 
 /* --- Python ------------------------------------------------------------------------------- */
 
-/* Tell whether numbers increase from 0 to a last one, each by so much at the least. */
-static inline int are_ends(const Py_buffer *ends, int64_t last, int64_t least)
-{
-    const int64_t *values = ends->buf;
-    const Py_ssize_t count = ends->shape[0];
-    if (count < 1 || values[0] != 0 || values[count - 1] != last)
-        return 0;
-    for (Py_ssize_t place = 1; place < count; place++)
-        if (values[place] > last || values[place] < values[place - 1] + least)
-            return 0;
-    return 1;
-}
-
 /* Tell whether all numbers are finite, and none so large that what comes of them is not. */
 static inline int are_moderate(const Py_buffer *numbers)
 {

@@ -14,7 +14,7 @@
 #include <string.h>
 
 enum { MOST_VERTICES = 4000 }; /* of a region: time may grow with their square */
-static const double FLAT = 1e-9; /* of its longest side: the height of a triangle that is none */
+static const double FLAT = 1e-9; /* of the diagonal: an ear of less height may be rounding */
 
 /* A corner of what is left of a region, and the edge from it to the next. */
 typedef struct {
@@ -221,8 +221,7 @@ static int64_t enter_region(const Work *work, Py_ssize_t region, Room *room)
 
 /* --- ears ----------------------------------------------------------------------------------- */
 
-/* Tell whether three corners turn to the left clearly: the middle one is far enough from the
- * straight line between the others. */
+/* Tell whether three corners turn to the left clearly. */
 static int is_convex(const Node *a, const Node *b, const Node *c)
 {
     return cross(a, b, c) > FLAT * square(a, c);
@@ -245,7 +244,7 @@ static int64_t strip_of(const Strips *strips, double at)
 
 static double along(const Node *node, int64_t axis) { return axis ? node->y : node->x; }
 
-/* Choose as many strips as nodes, or one if the nodes are not in finite places. */
+/* Choose as many strips as nodes; all are entered in one where that is not finite. */
 static void lay_strips(Room *room)
 {
     double low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
@@ -419,19 +418,6 @@ static void free_room(Room *room)
 /* --- arrays from Python --------------------------------------------------------------------- */
 
 enum { POINTS, VERTICES, LOOPS, REGIONS, FACES_UP, TRIANGLES, COUNTS, ARRAYS };
-
-/* Tell whether numbers increase from 0 to a last one, each by so much at the least. */
-static int are_ends(const Py_buffer *ends, int64_t last, int64_t least)
-{
-    const int64_t *values = ends->buf;
-    const Py_ssize_t count = ends->shape[0];
-    if (count < 1 || values[0] != 0 || values[count - 1] != last)
-        return 0;
-    for (Py_ssize_t place = 1; place < count; place++)
-        if (values[place] > last || values[place] < values[place - 1] + least)
-            return 0;
-    return 1;
-}
 
 static int is_consistent(const Py_buffer *views)
 {

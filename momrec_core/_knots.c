@@ -439,16 +439,11 @@ static int are_within(const int64_t *numbers, Py_ssize_t count, Py_ssize_t end)
     return 1;
 }
 
-/* Tell whether contours have vertices, their own one first, one contour behind the other. */
-static int are_contours(const Work *work)
+/* Tell whether the first vertex of each contour is its own. */
+static int are_cut(const Work *work)
 {
-    const int64_t *first = work->first;
-    if (work->contour_count < 0 || first[0] != 0
-        || first[work->contour_count] != work->vertex_count)
-        return 0;
     for (Py_ssize_t contour = 0; contour < work->contour_count; contour++)
-        if (first[contour] >= first[contour + 1] || first[contour + 1] > work->vertex_count
-            || !work->is_own[first[contour]])
+        if (!work->is_own[work->first[contour]])
             return 0;
     return 1;
 }
@@ -481,7 +476,8 @@ static int is_consistent(const Py_buffer *views, Work *work)
            && are_within(work->vertices, work->vertex_count, work->point_count)
            && are_within(work->pieces, work->contour_count, work->piece_count)
            && are_within(work->links, 2 * work->link_count, work->point_count)
-           && are_contours(work) && are_in_order(work);
+           && are_ends(&views[FIRST], work->vertex_count, 1) && are_cut(work)
+           && are_in_order(work);
 }
 
 /* Get memory for as much as there can be; return whether there is enough. */

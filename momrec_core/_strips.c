@@ -176,16 +176,6 @@ static int bound_all(const Work *work, Room *room)
 
 /* --- from and to Python ------------------------------------------------------------------- */
 
-static int are_ends(const int64_t *ends, Py_ssize_t count, int64_t last)
-{
-    if (count < 0 || ends[0] != 0 || ends[count] != last)
-        return 0;
-    for (Py_ssize_t at = 0; at < count; at++)
-        if (ends[at] > ends[at + 1])
-            return 0;
-    return 1;
-}
-
 static PyObject *bytes_of(const void *items, size_t size)
 {
     return PyBytes_FromStringAndSize(items, (Py_ssize_t)size);
@@ -213,8 +203,8 @@ static PyObject *bound(PyObject *module, PyObject *const *arguments, Py_ssize_t 
         .ring_count = views[1].shape[0] - 1, .ray_count = views[6].shape[0],
         .spare = spare, .point_sine = point_sine,
     };
-    const int agree = spare >= 0 && are_ends(work.rings, work.ring_count, views[0].shape[0])
-                      && are_ends(work.outlines, work.view_count, work.ring_count)
+    const int agree = spare >= 0 && are_ends(&views[1], views[0].shape[0], 0)
+                      && are_ends(&views[2], work.ring_count, 0)
                       && views[3].shape[0] == 3 * work.view_count
                       && views[4].shape[0] == work.ray_count
                       && views[5].shape[0] == work.ray_count;
