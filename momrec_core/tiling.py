@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TypeVar
@@ -20,6 +20,7 @@ from momrec_core.walking import Bands, walk_bands
 __all__ = ["tile"]
 
 _Scalar = TypeVar("_Scalar", np.float64, np.int64)
+_Knot = tuple[int, tuple[list[int], list[int]]]  # a slab; pieces of the layers below and above
 
 
 def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -43,32 +44,46 @@ def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]
         Closed, edge-manifold, facing outward.
     """
     contours = _Contours.of_layers([slabs[0].below, *(slab.above for slab in slabs)])
-    bands, is_sound, groups = _bands(contours, slabs)
-    joins = [group for group in groups if group.below and group.above]
+    bands, is_sound, joins, alone = _bands(contours, slabs)
     contours, links = contours.with_contacts(joins)
     joined, failed = join_knots(contours.points, contours.knots(joins, links))
-    alone = [group for group in groups if not (group.below and group.above)]
-    caps = _caps(contours, alone + [joins[index] for index in failed.tolist()])
-    others = np.concatenate([joined, caps])
+    left = joins[np.isin(joins.knots, failed)]
+    others = np.concatenate([joined, _caps(contours, left), _caps(contours, alone)])
     triangles = bands.triangles(is_sound, contours.order, contours.ends, others)
     return double_shared_edges(contours.points, triangles, sound=len(triangles) - len(others))
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Pieces of two adjacent layers that do not match one to one.
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """Pieces that bands do not join, knot by knot.
 
     Attributes
     ----------
-    slab : int
-        The slab between the layers.
-    below, above : list of range
-        The contours of each piece: shell, then holes.
+    knots : array of int, shape (n,)
+        The group of pieces below and above a slab that each is of.
+    slabs : array of int, shape (n,)
+        This slab.
+    is_above : array of bool, shape (n,)
+        Whether a piece is of the layer above, not below.
+    ends : array of int, shape (n, 2)
+        The first contour of each, its shell, and the one after its last, a hole.
     """
 
-    slab: int
-    below: list[range]
-    above: list[range]
+    knots: NDArray[np.int64]
+    slabs: NDArray[np.int64]
+    is_above: NDArray[np.bool_]
+    ends: NDArray[np.int64]
+
+    def __getitem__(self, chosen: NDArray[np.bool_]) -> _Pieces:
+        return _Pieces(
+            self.knots[chosen], self.slabs[chosen], self.is_above[chosen], self.ends[chosen]
+        )
+
+    def contours(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the contours of all pieces, and the piece of each."""
+        first, last = self.ends.T
+        pieces, places = number_within(last - first)
+        return first[pieces] + places, pieces
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +94,10 @@ class _Contours:
     ----------
     corners : Rings
         The contours as they are cut, shape (n, 3).
-    base : array of int, shape (layers + 1,)
-        The first contour of each layer, and the number of contours.
+    layers : array of int, shape (layers + 1,)
+        The first piece of each layer, and the number of pieces.
+    pieces : array of int, shape (pieces + 1,)
+        The first contour of each piece, and the number of contours.
     points : array, shape (m, 3)
         The corners, contour by contour, then the inserted vertices.
     owners : array of int, shape (m - n,)
@@ -92,7 +109,8 @@ class _Contours:
     """
 
     corners: Rings
-    base: NDArray[np.int64]
+    layers: NDArray[np.int64]
+    pieces: NDArray[np.int64]
     points: NDArray[np.float64]
     owners: NDArray[np.int64]
     order: NDArray[np.int64]
@@ -100,19 +118,36 @@ class _Contours:
 
     @classmethod
     def of_layers(cls, layers: Sequence[Layer]) -> _Contours:
-        pieces, starts = pieces_of_layers(layers)
-        numbers = np.array([len(layer) for layer in layers], dtype=np.int64)
-        contours = pieces.first[np.column_stack([starts, starts + numbers])]
-        vertices = pieces.rings.first[contours]
+        regions, starts = pieces_of_layers(layers)
+        counts = np.array([len(layer) for layer in layers], dtype=np.int64)
+        pieces = np.column_stack([starts, starts + counts])
+        contours = regions.first[pieces]
+        vertices = regions.rings.first[contours]
         heights = np.repeat([layer.offset for layer in layers], np.diff(vertices)[:, 0])
-        points = np.column_stack([_spans(pieces.rings.points, vertices), heights])
-        corners = Rings(points, ends_of(_spans(pieces.rings.counts, contours)))
-        base, owners = ends_of(np.diff(contours)[:, 0]), np.empty(0, dtype=np.int64)
+        points = np.column_stack([_spans(regions.rings.points, vertices), heights])
+        corners = Rings(points, ends_of(_spans(regions.rings.counts, contours)))
         return cls(
-            corners, base, points, owners, np.arange(len(points)), np.arange(len(points) + 1)
+            corners,
+            layers=ends_of(counts),
+            pieces=ends_of(_spans(np.diff(regions.first), pieces)),
+            points=points,
+            owners=np.empty(0, dtype=np.int64),
+            order=np.arange(len(points)),
+            ends=np.arange(len(points) + 1),
         )
 
-    def with_contacts(self, groups: Sequence[_Group]) -> tuple[_Contours, NDArray[np.int64]]:
+    def knotted(self, knots: Sequence[_Knot]) -> _Pieces:
+        """Return the pieces of knots."""
+        counts = [len(pieces) for _, sides in knots for pieces in sides]
+        numbers = chain.from_iterable(chain.from_iterable(sides) for _, sides in knots)
+        places = np.repeat(np.arange(len(counts)), counts)
+        slabs = np.array([slab for slab, _ in knots], dtype=np.int64)[places // 2]
+        pieces = self.layers[slabs + places % 2]
+        pieces += np.fromiter(numbers, dtype=np.int64, count=len(places))
+        ends = self.pieces[np.column_stack([pieces, pieces + 1])]
+        return _Pieces(places // 2, slabs, places % 2 == 1, ends)
+
+    def with_contacts(self, pieces: _Pieces) -> tuple[_Contours, NDArray[np.int64]]:
         """Put vertices where the pieces below and above touch or cross.
 
         Returns
@@ -122,8 +157,8 @@ class _Contours:
         links : array of int, shape (n, 2)
             The vertices below and above that lie upon each other.
         """
-        low, below = self._edges_of([group.below for group in groups])
-        high, above = self._edges_of([group.above for group in groups])
+        low, below, slabs = self._edges_of(pieces[~pieces.is_above])
+        high, above, _ = self._edges_of(pieces[pieces.is_above])
         contacts = find_contacts(below, above)
         vertices = np.concatenate([low[contacts.below], high[contacts.above]])
         along = np.concatenate([contacts.below_at, contacts.above_at])
@@ -132,43 +167,38 @@ class _Contours:
         vertices[new] = count + np.arange(len(new))
         of_contacts = new % max(len(contacts.points), 1)  # both sides have got all of them
         added = np.column_stack([contacts.points[of_contacts], self.points[edges, 2]])
-        slabs = np.array([group.slab for group in groups], dtype=np.int64)
         places = np.lexsort([along[new], edges])
+        ends = self.ends.copy()
+        ends[1:] += np.cumsum(np.bincount(edges, minlength=count))
         divided = replace(
             self,
             points=np.concatenate([self.points, added]),
-            owners=slabs[below.groups[contacts.below[of_contacts]]],
+            owners=slabs[contacts.below[of_contacts]],
             order=np.insert(self.order, edges[places] + 1, count + places),
-            ends=self.ends + np.searchsorted(edges[places], np.arange(count + 1)),
+            ends=ends,
         )
         return divided, vertices.reshape(2, -1).T
 
-    def _edges_of(self, groups: Sequence[list[range]]) -> tuple[NDArray[np.int64], Edges]:
-        """Return the corners that the edges of groups of pieces start from, and these edges."""
-        counts = [sum(map(len, pieces)) for pieces in groups]
-        corners, places = self.corners.around(_flat(chain(*groups)))
-        numbers = np.repeat(np.arange(len(counts)), counts)[places]
+    def _edges_of(self, pieces: _Pieces) -> tuple[NDArray[np.int64], Edges, NDArray[np.int64]]:
+        """Return the corners that the edges of pieces start from, these edges, and their slabs."""
+        contours, owners = pieces.contours()
+        corners, places = self.corners.around(contours)
         starts = self.corners.points[corners, :2]
         ends = self.corners.points[self.corners.following[corners], :2]
-        return corners, Edges(starts, ends, numbers)
+        owners = owners[places]
+        return corners, Edges(starts, ends, pieces.knots[owners]), pieces.slabs[owners]
 
-    def knots(self, groups: Sequence[_Group], links: NDArray[np.int64]) -> Knots:
-        """Return groups of pieces with the vertices inserted into their contours."""
-        pieces = [
-            piece for group in groups for side in (group.below, group.above) for piece in side
-        ]
-        counts = np.array([(len(group.below), len(group.above)) for group in groups], dtype=int)
-        sides, _ = number_within(counts.ravel())
-        vertices, first = self.around(_flat(pieces))
-        piece_of = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
-        slabs = np.array([group.slab for group in groups])[sides[piece_of] // 2]
-        slabs = np.repeat(slabs, np.diff(first))
+    def knots(self, pieces: _Pieces, links: NDArray[np.int64]) -> Knots:
+        """Return pieces with the vertices inserted into their contours."""
+        contours, owners = pieces.contours()
+        vertices, first = self.around(contours)
+        slabs = np.repeat(pieces.slabs[owners], np.diff(first))
         inserted = np.flatnonzero(vertices >= len(self.corners.points))
         is_own = np.ones(len(vertices), dtype=bool)
         is_own[inserted] = (
             self.owners[vertices[inserted] - len(self.corners.points)] == slabs[inserted]
         )
-        return Knots(vertices, is_own, first, piece_of, sides // 2, sides % 2 == 1, links)
+        return Knots(vertices, is_own, first, owners, pieces.knots, pieces.is_above, links)
 
     def around(self, contours: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the vertices around contours, and where those of each begin and the last end."""
@@ -179,7 +209,7 @@ class _Contours:
 
 def _bands(
     contours: _Contours, slabs: Sequence[Slab]
-) -> tuple[Bands, NDArray[np.bool_], list[_Group]]:
+) -> tuple[Bands, NDArray[np.bool_], _Pieces, _Pieces]:
     """Join the contours that match one to one.
 
     Returns
@@ -188,53 +218,33 @@ def _bands(
         Between the contours.
     is_sound : array of bool
         Which of them are joined well, with all others of their pieces.
-    groups : list of _Group
-        The pieces that are left: the knots, and pairs of pieces that are poorly joined so.
+    joins, alone : _Pieces
+        The pieces that are left: knots, and pairs of pieces that are poorly joined so; and knots
+        that end below or above their slab.
     """
     owners = [(index, *match) for index, slab in enumerate(slabs) for match in slab.pairs.items()]
     owner_of = np.repeat(np.arange(len(owners)), [len(pairs) for _, _, pairs in owners])
     local = chain.from_iterable(chain.from_iterable(pairs) for _, _, pairs in owners)
     slab_of = np.array([index for index, _, _ in owners], dtype=np.int64)[owner_of]
     pairs = np.fromiter(local, dtype=np.int64, count=2 * len(owner_of)).reshape(-1, 2)
-    pairs += np.column_stack([contours.base[slab_of], contours.base[slab_of + 1]])
+    pairs += contours.pieces[contours.layers[np.column_stack([slab_of, slab_of + 1])]]
     bands = walk_bands(contours.corners, pairs)
     is_poor = np.bincount(owner_of[bands.is_poor], minlength=len(owners)) > 0
-    groups = [(index, group) for index, slab in enumerate(slabs) for group in slab.knots]
-    for poor in np.flatnonzero(is_poor):
+    knots = [(index, knot) for index, slab in enumerate(slabs) for knot in slab.knots]
+    joins = [knot for knot in knots if all(knot[1])]
+    for poor in np.flatnonzero(is_poor).tolist():
         index, (low, high), _ = owners[poor]
-        groups.append((index, ([low], [high])))
-    base = contours.base.tolist()
-    return bands, ~is_poor[owner_of], [_group(slabs, base, *it) for it in groups]
+        joins.append((index, ([low], [high])))
+    alone = [knot for knot in knots if not all(knot[1])]
+    return bands, ~is_poor[owner_of], contours.knotted(joins), contours.knotted(alone)
 
 
-def _group(
-    slabs: Sequence[Slab], base: list[int], index: int, pieces: tuple[list[int], list[int]]
-) -> _Group:
-    """Return pieces below and above a slab as a group."""
-    layers = slabs[index].below, slabs[index].above
-    below, above = (
-        [range(first + own.start, first + own.stop) for own in map(layer.contours, chosen)]
-        for layer, first, chosen in zip(layers, base[index : index + 2], pieces, strict=True)
-    )
-    return _Group(index, below, above)
-
-
-def _caps(contours: _Contours, groups: Iterable[_Group]) -> NDArray[np.int64]:
+def _caps(contours: _Contours, pieces: _Pieces) -> NDArray[np.int64]:
     """Close each piece by itself."""
-    pieces = [
-        (piece, is_below)
-        for group in groups
-        for side, is_below in ((group.below, True), (group.above, False))
-        for piece in side
-    ]
-    vertices, ends = contours.around(_flat(piece for piece, _ in pieces))
-    first = ends_of(np.array([len(piece) for piece, _ in pieces], dtype=np.int64))
-    faces_up = np.array([is_below for _, is_below in pieces], dtype=bool)
-    return cap(contours.points, vertices, ends, first, faces_up)
-
-
-def _flat(ranges: Iterable[range]) -> NDArray[np.int64]:
-    return np.fromiter(chain.from_iterable(ranges), dtype=np.int64)
+    numbers, _ = pieces.contours()
+    vertices, ends = contours.around(numbers)
+    first = ends_of(np.diff(pieces.ends)[:, 0])
+    return cap(contours.points, vertices, ends, first, ~pieces.is_above)
 
 
 def _spans(values: NDArray[_Scalar], spans: NDArray[np.int64]) -> NDArray[_Scalar]:
