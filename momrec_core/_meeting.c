@@ -214,29 +214,26 @@ typedef struct {
     int64_t *uses;       /* (vertices,) */
 } Triangles;
 
-/* Tell whether an edge of a triangle can be shared with others than sound ones. */
-static int is_candidate(const Triangles *all, Py_ssize_t triangle)
-{
-    const int64_t *corner = all->corners + 3 * triangle;
-    return triangle >= all->sound
-           || all->is_met[corner[0]] + all->is_met[corner[1]] + all->is_met[corner[2]] > 1;
-}
-
-/* Count the candidates' sides by their lesser vertices, or enter them; return how many. */
+/* Count the sides that any but sound triangles may share by their lesser vertices, or enter them
+ * with these; return how many there are.
+ */
 static int64_t enter_sides(const Triangles *all, Spoke *spokes)
 {
+    const int64_t *corner = all->corners;
+    const uint8_t *const is_met = all->is_met;
+    int64_t *const ends = all->ends;
     int64_t sides = 0;
-    for (Py_ssize_t triangle = 0; triangle < all->count; triangle++) {
-        if (!is_candidate(all, triangle))
-            continue;
-        const int64_t *corner = all->corners + 3 * triangle;
-        for (int side = 0; side < 3; side++, sides++) {
+    for (Py_ssize_t triangle = 0; triangle < all->count; triangle++, corner += 3) {
+        for (int side = 0; side < 3; side++) {
             const int64_t head = corner[side], tail = corner[side < 2 ? side + 1 : 0];
             const int64_t from = head < tail ? head : tail;
+            if (!is_met[head] || !is_met[tail])
+                continue;
+            sides++;
             if (spokes != NULL)
-                spokes[all->ends[from]++] = (Spoke){head + tail - from, triangle};
+                spokes[ends[from]++] = (Spoke){head + tail - from, triangle};
             else
-                all->ends[from + 1]++;
+                ends[from + 1]++;
         }
     }
     return sides;
@@ -245,8 +242,10 @@ static int64_t enter_sides(const Triangles *all, Spoke *spokes)
 /* Mark the triangles around edges that more than two share. */
 static int mark_crowded(const Triangles *all)
 {
+    const int64_t *const restrict corners = all->corners;
+    int64_t *const restrict uses = all->uses;
     for (int64_t corner = 3 * all->sound; corner < 3 * all->count; corner++)
-        all->is_met[all->corners[corner]] = 1;
+        all->is_met[corners[corner]] = 1;
     Spoke *spokes = malloc((size_t)enter_sides(all, NULL) * sizeof(Spoke) + 1);
     if (spokes == NULL)
         return 0;
@@ -257,11 +256,11 @@ static int mark_crowded(const Triangles *all)
     for (Py_ssize_t vertex = 0; vertex < all->vertices; vertex++) {
         const Spoke *const end = spokes + all->ends[vertex];
         for (const Spoke *spoke = begin; spoke < end; spoke++)
-            all->uses[spoke->to]++;
+            uses[spoke->to]++;
         for (const Spoke *spoke = begin; spoke < end; spoke++)
-            all->is_crowded[spoke->triangle] |= all->uses[spoke->to] > 2;
+            all->is_crowded[spoke->triangle] |= uses[spoke->to] > 2;
         for (; begin < end; begin++)
-            all->uses[begin->to] = 0;
+            uses[begin->to] = 0;
     }
     free(spokes);
     return 1;
@@ -279,6 +278,30 @@ static int find_crowded(Triangles *all)
     free(all->ends);
     free(all->uses);
     return fits;
+}
+
+/* Take some triangles, their vertices numbered anew, without those that none of them uses. */
+static int take_triangles(const Triangles *all, const int64_t *restrict rows, Py_ssize_t count,
+                          uint8_t *restrict is_used, int64_t *restrict taken)
+{
+    const int64_t *const restrict corners = all->corners;
+    int64_t *const restrict numbers = malloc((size_t)all->vertices * sizeof(int64_t) + 1);
+    if (numbers == NULL)
+        return 0;
+    memset(is_used, 0, (size_t)all->vertices);
+    for (Py_ssize_t row = 0; row < count; row++)
+        for (int corner = 0; corner < 3; corner++)
+            is_used[corners[3 * rows[row] + corner]] = 1;
+    int64_t number = 0;
+    for (Py_ssize_t vertex = 0; vertex < all->vertices; vertex++) {
+        numbers[vertex] = number;
+        number += is_used[vertex];
+    }
+    for (Py_ssize_t row = 0; row < count; row++)
+        for (int corner = 0; corner < 3; corner++)
+            taken[3 * row + corner] = numbers[corners[3 * rows[row] + corner]];
+    free(numbers);
+    return 1;
 }
 
 /* --- Python ------------------------------------------------------------------------------- */
@@ -350,12 +373,22 @@ static const ArrayKind TRIANGLE_KINDS[TRIANGLE_ARRAYS] = {
 
 static int are_triangles(const Triangles *all)
 {
-    if (all->sound < 0 || all->sound > all->count)
-        return 0;
+    int fit = all->sound >= 0 && all->sound <= all->count;
     for (int64_t corner = 0; corner < 3 * all->count; corner++)
-        if (all->corners[corner] < 0 || all->corners[corner] >= all->vertices)
-            return 0;
-    return 1;
+        fit &= all->corners[corner] >= 0 && all->corners[corner] < all->vertices;
+    return fit;
+}
+
+/* End a call: release the arrays, and return None or raise what was wrong. */
+static PyObject *ended(Py_buffer *views, int count, int is_consistent, int fits)
+{
+    release_arrays(views, count);
+    if (!is_consistent)
+        return PyErr_Format(PyExc_ValueError,
+                            "Expected triangles of so many vertices, and arrays that agree");
+    if (!fits)
+        return PyErr_NoMemory();
+    Py_RETURN_NONE;
 }
 
 static PyObject *crowded(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -377,13 +410,32 @@ static PyObject *crowded(PyObject *module, PyObject *const *arguments, Py_ssize_
     Py_BEGIN_ALLOW_THREADS
     fits = !good || find_crowded(&all);
     Py_END_ALLOW_THREADS
-    release_arrays(views, TRIANGLE_ARRAYS);
-    if (!good)
-        return PyErr_Format(PyExc_ValueError,
-                            "Expected triangles of so many vertices, and arrays that agree");
-    if (!fits)
-        return PyErr_NoMemory();
-    Py_RETURN_NONE;
+    return ended(views, TRIANGLE_ARRAYS, good, fits);
+}
+
+enum { ROWS = TRIANGLE_ARRAYS - 1, IS_USED, TAKEN, TAKEN_ARRAYS };
+
+static const ArrayKind TAKEN_KINDS[TAKEN_ARRAYS] = {
+    {"triangles", 'q', 3, 0}, {"rows", 'q', 0, 0}, {"is_used", '?', 0, 1}, {"taken", 'q', 3, 1},
+};
+
+static PyObject *take(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Py_buffer views[TAKEN_ARRAYS];
+    if (!get_arrays(arguments, count, TAKEN_KINDS, TAKEN_ARRAYS, views))
+        return NULL;
+    const Triangles all = {.corners = views[CORNERS].buf, .count = views[CORNERS].shape[0],
+                           .vertices = views[IS_USED].shape[0]};
+    const int64_t *rows = views[ROWS].buf;
+    const Py_ssize_t chosen = views[ROWS].shape[0];
+    int good = are_triangles(&all) && views[TAKEN].shape[0] == chosen, fits = 1;
+    for (Py_ssize_t row = 0; row < chosen; row++)
+        good = good && rows[row] >= 0 && rows[row] < all.count;
+    Py_BEGIN_ALLOW_THREADS
+    fits = !good || take_triangles(&all, rows, chosen, views[IS_USED].buf, views[TAKEN].buf);
+    Py_END_ALLOW_THREADS
+    return ended(views, TAKEN_ARRAYS, good, fits);
 }
 
 static PyMethodDef METHODS[] = {
@@ -391,6 +443,8 @@ static PyMethodDef METHODS[] = {
      "Return where edges of one side share a vertex with those of the other, touch, or cross."},
     {"crowded", (PyCFunction)(void (*)(void))crowded, METH_FASTCALL,
      "Tell which triangles have an edge that more than two share."},
+    {"take", (PyCFunction)(void (*)(void))take, METH_FASTCALL,
+     "Take some triangles, their vertices numbered anew, without those that none of them uses."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -18,3 +18,10 @@ def crowded(
     vertices: int,
     /,
 ) -> None: ...
+def take(
+    triangles: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    is_used: NDArray[np.bool_],
+    taken: NDArray[np.int64],
+    /,
+) -> None: ...

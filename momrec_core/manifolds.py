@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from momrec_core._meeting import crowded
+from momrec_core._meeting import crowded, take
 
 __all__ = ["double_shared_edges"]
 
@@ -44,8 +44,7 @@ def double_shared_edges(
     if len(suspicious) == 0:
         return points, triangles
     kept = suspicious[_are_no_flaps(triangles[suspicious])]
-    triangles = triangles.take(np.concatenate([np.flatnonzero(~is_crowded), kept]), axis=0)
-    points, triangles = _compact(points, triangles)
+    points, triangles = _taken(points, triangles, np.append(np.flatnonzero(~is_crowded), kept))
     whole, suspects = np.split(triangles, [len(triangles) - len(kept)])
     order, first, counts = _group_edges(len(points), suspects)
     shared = np.flatnonzero(counts > 2)
@@ -120,15 +119,14 @@ def _are_no_flaps(triangles: NDArray[np.int64]) -> list[bool]:
     return [balance[key] != 0 for key in keys]
 
 
-def _compact(
-    points: NDArray[np.float64], triangles: NDArray[np.int64]
+def _taken(
+    points: NDArray[np.float64], triangles: NDArray[np.int64], rows: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Leave out the points that no triangle uses."""
-    is_used = np.bincount(triangles.ravel(), minlength=len(points)) > 0
-    if is_used.all():
-        return points, triangles
-    numbers = np.cumsum(is_used) - 1
-    return points.take(np.flatnonzero(is_used), axis=0), numbers[triangles]
+    """Return some of the triangles, and the points that these use."""
+    is_used = np.empty(len(points), dtype=bool)
+    taken = np.empty((len(rows), 3), dtype=np.int64)
+    take(triangles, rows, is_used, taken)
+    return points.take(np.flatnonzero(is_used), axis=0), taken
 
 
 def _fan(triangle: NDArray[np.int64], inserted: dict[int, int]) -> NDArray[np.int64]:

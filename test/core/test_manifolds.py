@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from momrec_core._meeting import crowded
+from momrec_core._meeting import crowded, take
 from momrec_core.manifolds import double_shared_edges
 
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
@@ -118,3 +118,37 @@ def test_triangles_that_do_not_fit_are_refused(place, value, error):
         crowded(*arguments)
     with pytest.raises(TypeError, match=r"^Expected 2 arrays"):
         crowded(np.array([[0, 1, 2]]), 1, 3)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 20))
+def test_triangles_that_are_taken_keep_their_places_with_the_points_they_use(seed, count):
+    rng = np.random.default_rng(seed)
+    points, triangles = rng.normal(size=(15, 3)), rng.integers(0, 15, (20, 3))
+    rows = rng.integers(0, 20, count)
+    is_used, taken = np.empty(15, dtype=bool), np.empty((count, 3), dtype=np.int64)
+    take(triangles, rows, is_used, taken)
+    assert np.flatnonzero(is_used).tolist() == np.unique(triangles[rows]).tolist()
+    assert np.array_equal(points[is_used][taken], points[triangles[rows]])
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (0, np.array([[0, 1, 3]])),
+        (0, np.array([[0, -1, 2]])),
+        (1, np.array([1])),
+        (1, np.array([-1])),
+        (1, np.array([0, 0])),
+        (2, np.zeros(2, dtype=bool)),
+    ],
+)
+def test_triangles_that_are_none_are_not_taken(place, value):
+    arguments = [
+        *(np.array([[0, 1, 2]]), np.array([0])),
+        *(np.zeros(3, dtype=bool), np.empty((1, 3), dtype=np.int64)),
+    ]
+    take(*arguments)
+    assert arguments[3].tolist() == [[0, 1, 2]]
+    arguments[place] = value
+    with pytest.raises(ValueError, match=r"^Expected triangles"):
+        take(*arguments)
