@@ -231,6 +231,7 @@ class RecognizerNode(LifecycleNode):
             make_decoder,
             publish=self._publish,
             is_wanted=self._is_wanted,
+            is_over=lambda: not self.context.ok(),  # a signal has ended it
             log=self.get_logger(),
             pace=self._pace(),
             clock=lambda: self.get_clock().now().nanoseconds,

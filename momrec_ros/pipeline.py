@@ -162,6 +162,8 @@ class Pipeline:
         Takes the outputs of one result in their order. Called by this thread only.
     is_wanted : callable
         Takes the name of an output about all objects; tells whether anyone listens.
+    is_over : callable
+        Tells whether publishing has come to an end for good: what fails then is no fault.
     log : Log
         For people.
     pace : Pace
@@ -179,6 +181,7 @@ class Pipeline:
         *,
         publish: Callable[[Sequence[Output]], None],
         is_wanted: Callable[[str], bool],
+        is_over: Callable[[], bool],
         log: Log,
         pace: Pace,
         clock: Callable[[], int],
@@ -189,6 +192,7 @@ class Pipeline:
         self._make_decoder = make_decoder
         self._publish = publish
         self._is_wanted = is_wanted
+        self._is_over = is_over
         self._log = log
         self._clock = clock
         self._frame_prefix = frame_prefix
@@ -313,7 +317,7 @@ class Pipeline:
             try:
                 self._step()
             except Exception as error:  # noqa: BLE001 - whatever a library raises, the node lives on
-                if self._is_stopped:
+                if self._is_stopped or self._is_over():
                     return
                 self._activity.tally.rejected[Reason.FAULT] += 1
                 self._tell(Reason.FAULT, f"a fault: {type(error).__name__}: {error}")

@@ -50,12 +50,14 @@ class Bench:
         self.log = Lines()
         self.sent = queue.Queue()
         self.publish = self.sent.put
+        self.is_over = False
         make_session = partial(_session, slices=4, min_views=2, max_objects=3, max_views=100)
         self.pipeline = Pipeline(
             make_session,
             ViewDecoder,
             publish=self._publish,
             is_wanted=lambda name: name in wanted,
+            is_over=lambda: self.is_over,
             log=self.log,
             pace=pace,
             clock=self._time,
@@ -193,6 +195,24 @@ def test_a_fault_is_counted_and_told_and_the_next_result_comes(make):
     assert bench.tally.rejected == {Reason.FAULT: 1}
     (line,) = bench.log.lines
     assert line.startswith("a fault: RuntimeError: ")
+
+
+def test_what_fails_after_the_end_of_publishing_is_no_fault(make):
+    bench = make()
+    has_failed = threading.Event()
+
+    def publish_into_nothing(outputs):
+        bench.is_over = True  # as a signal ends rclpy's context at any time
+        has_failed.set()
+        raise RuntimeError(len(outputs))
+
+    bench.publish = publish_into_nothing
+    bench.pipeline.activate()
+    bench.receive(0, 1)
+    assert has_failed.wait(LIMIT)
+    assert bench.pipeline.stop(LIMIT)
+    assert Reason.FAULT not in bench.tally.rejected
+    assert bench.log.lines == []
 
 
 def test_more_bytes_than_may_wait_are_counted_as_overload_and_the_rest_is_read(make):
