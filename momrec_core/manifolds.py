@@ -13,6 +13,8 @@ from momrec_core._meeting import crowded, take
 
 __all__ = ["double_shared_edges"]
 
+FEWEST_AROUND = 4  # triangles around an edge that more than two of a closed surface share
+
 
 def double_shared_edges(
     points: NDArray[np.float64], triangles: NDArray[np.int64], sound: int = 0
@@ -45,6 +47,8 @@ def double_shared_edges(
         return points, triangles
     kept = suspicious[_are_no_flaps(triangles[suspicious])]
     points, triangles = _taken(points, triangles, np.append(np.flatnonzero(~is_crowded), kept))
+    if len(kept) < FEWEST_AROUND:
+        return points, triangles
     whole, suspects = np.split(triangles, [len(triangles) - len(kept)])
     order, first, counts = _group_edges(len(points), suspects)
     shared = np.flatnonzero(counts > 2)

@@ -141,7 +141,9 @@ class PlaneFamily:
 
     def to_world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points of the planes' frame (units) in the world, metres; shape (..., 3)."""
-        return points * self.unit @ self.frame[:3, :3].T + self.frame[:3, 3]
+        turned = points * self.unit @ self.frame[:3, :3].T
+        turned += self.frame[:3, 3]
+        return turned
 
     def recentred(
         self, low: NDArray[np.float64], high: NDArray[np.float64], count: int

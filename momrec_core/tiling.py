@@ -123,13 +123,15 @@ class _Contours:
         pieces = np.column_stack([starts, starts + counts])
         contours = regions.first[pieces]
         vertices = regions.rings.first[contours]
-        heights = np.repeat([layer.offset for layer in layers], np.diff(vertices)[:, 0])
-        points = np.column_stack([_spans(regions.rings.points, vertices), heights])
-        corners = Rings(points, ends_of(_spans(regions.rings.counts, contours)))
+        sizes = np.diff(vertices)[:, 0]
+        points = np.empty((sizes.sum(), 3))
+        np.concatenate(_spans(regions.rings.points, vertices), out=points[:, :2])
+        points[:, 2] = np.repeat([layer.offset for layer in layers], sizes)
+        counts_of_rings = np.concatenate(_spans(regions.rings.counts, contours))
         return cls(
-            corners,
+            Rings(points, ends_of(counts_of_rings)),
             layers=ends_of(counts),
-            pieces=ends_of(_spans(np.diff(regions.first), pieces)),
+            pieces=ends_of(np.concatenate(_spans(np.diff(regions.first), pieces))),
             points=points,
             owners=np.empty(0, dtype=np.int64),
             order=np.arange(len(points)),
@@ -247,6 +249,6 @@ def _caps(contours: _Contours, pieces: _Pieces) -> NDArray[np.int64]:
     return cap(contours.points, vertices, ends, first, ~pieces.is_above)
 
 
-def _spans(values: NDArray[_Scalar], spans: NDArray[np.int64]) -> NDArray[_Scalar]:
-    """Return parts of an array, from one place to another each, one behind the other."""
-    return np.concatenate([values[low:high] for low, high in spans.tolist()])
+def _spans(values: NDArray[_Scalar], spans: NDArray[np.int64]) -> list[NDArray[_Scalar]]:
+    """Return parts of an array, from one place to another each."""
+    return [values[low:high] for low, high in spans.tolist()]
