@@ -58,7 +58,7 @@ static void choose_start(const Work *work, Py_ssize_t band)
     const double *high = work->points + 3 * work->first[pair[1]];
     const int64_t below = count_of(work, pair[0]), above = count_of(work, pair[1]);
     const double height = high[2] - low[2];
-    double least = INFINITY;
+    double clearly_less = INFINITY;
     work->starts[2 * band] = work->starts[2 * band + 1] = 0;
     for (int candidate = 0; candidate < CANDIDATES; candidate++) {
         const int64_t row = below * candidate / CANDIDATES;
@@ -67,8 +67,8 @@ static void choose_start(const Work *work, Py_ssize_t band)
         for (int64_t column = 0; column < above; column++) {
             const double aside = high[3 * column] - x, ahead = high[3 * column + 1] - y;
             const double square = aside * aside + ahead * ahead + height * height;
-            if (square < (1 - TIE) * least) {
-                least = square;
+            if (square < clearly_less) {
+                clearly_less = (1 - TIE) * square;
                 work->starts[2 * band] = row;
                 work->starts[2 * band + 1] = column;
             }
@@ -232,9 +232,9 @@ static void walk_least(const Path *low, const Path *high, double *room, uint8_t 
 /* Tell whether a walk goes around one contour in one go, and so uses an edge across twice. */
 static int is_pinched(const uint8_t *rises, int64_t steps)
 {
-    int64_t falls = 0;
-    for (int64_t step = 0; step < steps; step++)
-        falls += rises[step] && !rises[step + 1 < steps ? step + 1 : 0];
+    int64_t falls = (rises[steps - 1] != 0) & (rises[0] == 0);
+    for (int64_t step = 0; step + 1 < steps; step++)
+        falls += (rises[step] != 0) & (rises[step + 1] == 0);
     return falls == 1;
 }
 

@@ -141,9 +141,10 @@ class PlaneFamily:
 
     def to_world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points of the planes' frame (units) in the world, metres; shape (..., 3)."""
-        turned = points * self.unit @ self.frame[:3, :3].T
-        turned += self.frame[:3, 3]
-        return turned
+        moved = points @ (self.unit * self.frame[:3, :3]).T.copy()
+        for axis in range(3):  # numpy is slow at rows of three
+            moved[..., axis] += self.frame[axis, 3]
+        return moved
 
     def recentred(
         self, low: NDArray[np.float64], high: NDArray[np.float64], count: int
