@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise, repeat
 
 import numpy as np
 import shapely
@@ -35,7 +35,7 @@ FEW_PAIRS = 4096  # of pieces: above, a tree of boxes finds candidates faster th
 LEDGE = 0.1  # of the largest section: a change in area between adjacent layers worth locating
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen: there are so many that it would be felt
 class Layer:
     """The cross-section at one offset.
 
@@ -124,9 +124,10 @@ def _layers_of(
     offsets: Sequence[float] | NDArray[np.float64], pieces: Regions, ends: NDArray[np.int64]
 ) -> list[Layer]:
     """Return layers of pieces that stand one behind the other, and end so."""
-    areas = pieces.areas.tolist()
-    spans = zip(map(float, offsets), pairwise(ends.tolist()), strict=True)
-    return [Layer(offset, pieces, low, high, sum(areas[low:high])) for offset, (low, high) in spans]
+    owners = np.repeat(np.arange(len(offsets)), np.diff(ends))
+    areas = np.bincount(owners, pieces.areas, len(offsets))
+    columns = np.asarray(offsets).tolist(), repeat(pieces), ends[:-1].tolist(), ends[1:].tolist()
+    return list(map(Layer, *columns, areas.tolist()))
 
 
 @dataclass(eq=False)
@@ -150,9 +151,9 @@ class Slab:
 
     below: Layer
     above: Layer
-    pairs: dict[tuple[int, int], list[tuple[int, int]]] = field(default_factory=dict)
-    knots: list[tuple[list[int], list[int]]] = field(default_factory=list)
-    knot_areas: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pairs: dict[tuple[int, int], list[tuple[int, int]]]
+    knots: list[tuple[list[int], list[int]]]
+    knot_areas: tuple[float, float, float]
 
     @property
     def height(self) -> float:
@@ -200,8 +201,11 @@ class Slabs:
 
 def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
     """Group the pieces of adjacent layers, below and above, by overlap."""
-    slabs = [Slab(below, above) for below, above in pairs]
     matches = _Matches.of(pairs, MIN_AREA_RATIO, LEAST_WIDTH)
+    slabs = [
+        Slab(below, above, {}, [], (low, high, common))
+        for (below, above), (low, high, common) in zip(pairs, matches.areas.tolist(), strict=True)
+    ]
     with_holes = []
     for index, low, high, contours, below, above in matches.pairs.tolist():
         slabs[index].pairs[low, high] = [(below, above)]
@@ -212,8 +216,6 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
         if number == len(knots):
             knots.append(([], []))
         knots[number][side].append(piece)
-    for slab, areas in zip(slabs, matches.areas.tolist(), strict=True):
-        slab.knot_areas = areas[0], areas[1], areas[2]
     if with_holes:
         _match_holes(with_holes)
     for slab in slabs:
@@ -255,10 +257,13 @@ class _Matches:
             How much smaller, or narrower in x or y, a piece may be than one that is alike.
         """
         sides = [layer for slab in slabs for layer in slab]
-        batches = {id(layer.batch): layer.batch for layer in sides}
-        numbers = dict(zip(batches, range(len(batches)), strict=True))
-        spans = [(numbers[id(layer.batch)], layer.low, layer.high - layer.low) for layer in sides]
-        layers = np.array(spans, dtype=np.int64).reshape(-1, 3)
+        batches: dict[Regions, int] = {}
+        spans = [
+            (batches.setdefault(layer.batch, len(batches)), layer.low, layer.high - layer.low)
+            for layer in sides
+        ]
+        flat = np.fromiter(chain.from_iterable(spans), dtype=np.int64, count=3 * len(spans))
+        layers = flat.reshape(-1, 3)
         counts = layers[:, 2].reshape(-1, 2)
         crowded = np.flatnonzero(counts[:, 0] * counts[:, 1] > FEW_PAIRS)
 
@@ -270,7 +275,7 @@ class _Matches:
         pairs, members, areas = match(
             layers,
             _candidates(slabs, crowded),
-            tuple((*batch.arrays, batch.areas, batch.boxes) for batch in batches.values()),
+            tuple((*batch.arrays, batch.areas, batch.boxes) for batch in batches),
             common_area,
             FEW_PAIRS,
             area_ratio,
@@ -388,8 +393,11 @@ def without_flakes(layers: Sequence[Layer], slabs: Slabs) -> list[Layer]:
     kept = []
     for layer, above, below in zip(layers, [*ends_above, set()], [set(), *ends_below], strict=True):
         flakes = above & below
-        pieces = [piece for piece in range(len(layer)) if piece not in flakes]
-        kept.append(layer.only(pieces) if flakes else layer)
+        if flakes:
+            pieces = [piece for piece in range(len(layer)) if piece not in flakes]
+            kept.append(layer.only(pieces))
+        else:
+            kept.append(layer)
     return kept
 
 
