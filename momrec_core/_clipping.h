@@ -248,13 +248,13 @@ static inline Outcome cross_edges(Room *room, const Side *sides, const int64_t e
     for (int side = 0; side < 2; side++) {
         find_vertex(&sides[side], edges[side], start[side]);
         find_vertex(&sides[side], sides[side].edges->next[edges[side]], end[side]);
-        length[side] = length_of(start[side], end[side]);
     }
     int is_clear = 1;
     for (int side = 0; side < 2; side++) { /* the ends of this side's edge beside the other's */
         const int other = !side;
         before[side] = cross(start[other], end[other], start[side]);
         after[side] = cross(start[other], end[other], end[side]);
+        length[other] = length_of(start[other], end[other]);
         const double least = tolerance * length[other];
         if (fabs(before[side]) > least && fabs(after[side]) > least) {
             if ((before[side] > 0) == (after[side] > 0))
