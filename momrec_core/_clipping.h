@@ -607,10 +607,10 @@ static inline void measure_region(const Regions *regions, int64_t region, double
 static inline int are_moderate(const Py_buffer *numbers)
 {
     const double *values = numbers->buf;
+    int64_t moderate = 1;
     for (Py_ssize_t place = 0; place < numbers->len / (Py_ssize_t)sizeof(double); place++)
-        if (!(fabs(values[place]) <= MOST))
-            return 0;
-    return 1;
+        moderate &= fabs(values[place]) <= MOST; /* without leaving early: several at once */
+    return moderate != 0;
 }
 
 static inline int are_regions(const Py_buffer *views, Regions *regions)

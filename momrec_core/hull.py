@@ -22,6 +22,7 @@ from momrec_core.errors import (
 from momrec_core.layers import (
     Layer,
     Slabs,
+    in_order,
     layers_of_sections,
     without_flakes,
     without_needless,
@@ -479,11 +480,9 @@ class VisualHull:
         inset = END_INSET * family.spacing
         ends = np.array([family.low + inset, family.high - inset])
         hull = self._intersection(family)
-        caps, none = hull.cut(ends), Regions.of_rings([[]])
-        offsets = [family.low, ends[0], *family.offsets, ends[1], family.high]
-        parts = [none, caps.part(0, 1), self._sections, caps.part(1, 2), none]
-        sections = Regions.joined(parts)
-        layers = layers_of_sections(offsets, sections)
+        offsets = [family.low, family.high, *ends.tolist(), *family.offsets.tolist()]
+        parts = [Regions.of_rings([[], []]), hull.cut(ends), self._sections]
+        layers = in_order(layers_of_sections(offsets, Regions.joined(parts)))
         largest = max(layer.area for layer in layers)
         doubtful = DOUBTFUL_VOLUME * family.spacing * sum(layer.area for layer in layers)
         open_slabs = slabs.between(pairwise(layers))
@@ -495,7 +494,7 @@ class VisualHull:
             open_slabs = open_slabs[:room]
             if not open_slabs:
                 break
-            middles = np.array([slab.below.offset + slab.height / 2 for slab in open_slabs])
+            middles = np.array([slab.middle for slab in open_slabs])
             new = layers_of_sections(middles, hull.cut(middles))
             layers.extend(new)
             open_slabs = slabs.between(
@@ -503,7 +502,7 @@ class VisualHull:
                 for slab, middle in zip(open_slabs, new, strict=True)
                 for half in ((slab.below, middle), (middle, slab.above))
             )
-        layers = without_flakes(sorted(layers, key=lambda layer: layer.offset), slabs)
+        layers = without_flakes(in_order(layers), slabs)
         return without_needless(layers, slabs, set(offsets), doubtful)
 
 

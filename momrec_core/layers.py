@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, pairwise, repeat
+from operator import attrgetter
 
 import numpy as np
 import shapely
@@ -20,6 +21,7 @@ __all__ = [
     "Layer",
     "Slab",
     "Slabs",
+    "in_order",
     "layers_of_sections",
     "pieces_of_layers",
     "without_flakes",
@@ -130,6 +132,11 @@ def _layers_of(
     return list(map(Layer, *columns, areas.tolist()))
 
 
+def in_order(layers: Iterable[Layer]) -> list[Layer]:
+    """Return layers by increasing offset."""
+    return sorted(layers, key=attrgetter("offset"))
+
+
 @dataclass(eq=False)
 class Slab:
     """How the pieces of two adjacent layers belong together.
@@ -159,6 +166,11 @@ class Slab:
     def height(self) -> float:
         """Distance between the layers, in units."""
         return self.above.offset - self.below.offset
+
+    @property
+    def middle(self) -> float:
+        """Offset halfway between the layers, in units."""
+        return self.below.offset + self.height / 2
 
     def changes(self, largest: float) -> bool:
         """Tell whether pieces change, or the area by a ledge; see `doubt`."""
@@ -207,11 +219,11 @@ def _match_layers(pairs: Sequence[tuple[Layer, Layer]]) -> list[Slab]:
         for (below, above), (low, high, common) in zip(pairs, matches.areas.tolist(), strict=True)
     ]
     with_holes = []
-    for index, low, high, contours, below, above in matches.pairs.tolist():
+    for index, low, high, contours, below, above in zip(*matches.pairs.T.tolist(), strict=True):
         slabs[index].pairs[low, high] = [(below, above)]
         if contours > 1:
             with_holes.append((slabs[index], low, high))
-    for index, number, side, piece in matches.members.tolist():
+    for index, number, side, piece in zip(*matches.members.T.tolist(), strict=True):
         knots = slabs[index].knots
         if number == len(knots):
             knots.append(([], []))
@@ -387,17 +399,15 @@ def _bridge(slab: Slab) -> None:
 
 def without_flakes(layers: Sequence[Layer], slabs: Slabs) -> list[Layer]:
     """Leave out the pieces that meet none of the layer below or above, and so have no volume."""
+    kept = list(layers)
     between = slabs.between(pairwise(layers))
-    ends_above = [{low[0] for low, high in slab.knots if not high} for slab in between]
-    ends_below = [{high[0] for low, high in slab.knots if not low} for slab in between]
-    kept = []
-    for layer, above, below in zip(layers, [*ends_above, set()], [set(), *ends_below], strict=True):
-        flakes = above & below
-        if flakes:
-            pieces = [piece for piece in range(len(layer)) if piece not in flakes]
-            kept.append(layer.only(pieces))
-        else:
-            kept.append(layer)
+    for place, (below, above) in enumerate(pairwise(between), start=1):
+        if below.knots and above.knots:
+            flakes = {high[0] for low, high in below.knots if not low}
+            flakes &= {low[0] for low, high in above.knots if not high}
+            if flakes:
+                pieces = [piece for piece in range(len(kept[place])) if piece not in flakes]
+                kept[place] = kept[place].only(pieces)
     return kept
 
 
