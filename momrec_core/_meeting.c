@@ -26,10 +26,23 @@ typedef struct {
 } Side;
 
 typedef struct {
+    int64_t group;
     int64_t edges[2]; /* below and above */
     double at[2];     /* where on them, 0 to 1 */
     double point[2];
 } Contact;
+
+/* Contours one behind the other, and those of them that may meet. */
+typedef struct {
+    const double *points;   /* (n, 3) */
+    const int64_t *first;   /* (rings + 1,): where each begins, and where the last ends */
+    const int64_t *chosen;  /* (count,) */
+    const int64_t *groups;  /* (count,) */
+    const uint8_t *is_above; /* (count,): of which layer each is */
+    Py_ssize_t count;
+} Contours;
+
+typedef enum { DONE, NO_NUMBERS, NO_MEMORY } Outcome;
 
 /* What edges have in common so far. */
 typedef struct {
@@ -121,7 +134,8 @@ static int add_contact(Contacts *found, const Edge *below, const Edge *above, do
         found->room = room;
     }
     Contact *contact = found->items + found->count++;
-    *contact = (Contact){{below->number, above->number}, {below_at, above_at}, {0.0, 0.0}};
+    *contact = (Contact){
+        below->group, {below->number, above->number}, {below_at, above_at}, {0.0, 0.0}};
     for (int axis = 0; axis < 2; axis++)
         contact->point[axis] =
             above_at == 0 && below_at > 0
@@ -177,24 +191,49 @@ static int sweep(Contacts *found, const Side *sides, int which)
     return 1;
 }
 
-/* Lay edges out; return whether the memory sufficed. */
-static int lay_out(Side *side, const double *starts, const double *ends, const int64_t *groups,
-                   double touch)
+/* Lay out the edges of the contours of one layer, as far as their coordinates are numbers. */
+static Outcome lay_out(const Contours *contours, int which, double touch, Side *side)
 {
-    side->edges = malloc((size_t)side->count * sizeof(Edge) + 1);
-    for (Py_ssize_t place = 0; side->edges != NULL && place < side->count; place++)
-        side->edges[place] =
-            edge_of(groups[place], place, starts + 2 * place, ends + 2 * place, touch);
-    return side->edges != NULL;
+    size_t count = 0;
+    for (Py_ssize_t place = 0; place < contours->count; place++)
+        if ((contours->is_above[place] != 0) == which)
+            count += (size_t)(contours->first[contours->chosen[place] + 1]
+                              - contours->first[contours->chosen[place]]);
+    side->edges = malloc(count * sizeof(Edge) + 1);
+    if (side->edges == NULL)
+        return NO_MEMORY;
+    for (Py_ssize_t place = 0; place < contours->count; place++) {
+        const int64_t *ends = contours->first + contours->chosen[place];
+        for (int64_t start = ends[0];
+             start < ends[1] && (contours->is_above[place] != 0) == which; start++) {
+            const double *point = contours->points + 3 * start;
+            const int64_t end = start + 1 < ends[1] ? start + 1 : ends[0];
+            if (!isfinite(point[0]) || !isfinite(point[1]))
+                return NO_NUMBERS;
+            side->edges[side->count++] = edge_of(contours->groups[place], start, point,
+                                                 contours->points + 3 * end, touch);
+        }
+    }
+    return DONE;
 }
 
-static int find_contacts(Contacts *found, Side *sides)
+static Outcome find_contacts(const Contours *contours, Contacts *found)
 {
-    found->axis = narrow_axis(sides);
-    for (int which = 0; which < 2; which++)
-        qsort(sides[which].edges, (size_t)sides[which].count, sizeof(Edge),
-              found->axis ? compared_in_y : compared_in_x);
-    return sweep(found, sides, 0) && sweep(found, sides, 1);
+    Side sides[2] = {{NULL, 0}, {NULL, 0}};
+    Outcome outcome = lay_out(contours, 0, found->touch, &sides[0]);
+    if (outcome == DONE)
+        outcome = lay_out(contours, 1, found->touch, &sides[1]);
+    if (outcome == DONE) {
+        found->axis = narrow_axis(sides);
+        for (int which = 0; which < 2; which++)
+            qsort(sides[which].edges, (size_t)sides[which].count, sizeof(Edge),
+                  found->axis ? compared_in_y : compared_in_x);
+        if (!sweep(found, sides, 0) || !sweep(found, sides, 1))
+            outcome = NO_MEMORY;
+    }
+    free(sides[0].edges);
+    free(sides[1].edges);
+    return outcome;
 }
 
 /* --- crowded edges ------------------------------------------------------------------------ */
@@ -306,61 +345,57 @@ static int take_triangles(const Triangles *all, const int64_t *restrict rows, Py
 
 /* --- Python ------------------------------------------------------------------------------- */
 
-enum { STARTS, ENDS, GROUPS, SIDE_ARRAYS, EDGE_ARRAYS = 2 * SIDE_ARRAYS };
+enum { POINTS, FIRST, CHOSEN, GROUPS, IS_ABOVE, CONTOUR_ARRAYS };
 
-static const ArrayKind EDGE_KINDS[EDGE_ARRAYS] = {
-    {"starts below", 'd', 2, 0}, {"ends below", 'd', 2, 0}, {"groups below", 'q', 0, 0},
-    {"starts above", 'd', 2, 0}, {"ends above", 'd', 2, 0}, {"groups above", 'q', 0, 0},
+static const ArrayKind CONTOUR_KINDS[CONTOUR_ARRAYS] = {
+    {"points", 'd', 3, 0}, {"first", 'q', 0, 0}, {"chosen", 'q', 0, 0},
+    {"groups", 'q', 0, 0}, {"is_above", '?', 0, 0},
 };
 
-static int are_finite(const Py_buffer *numbers)
+static int are_contours(const Py_buffer *views, const Contours *contours)
 {
-    const double *values = numbers->buf;
-    for (Py_ssize_t place = 0; place < numbers->len / (Py_ssize_t)sizeof(double); place++)
-        if (!isfinite(values[place]))
-            return 0;
-    return 1;
+    int fit = are_ends(&views[FIRST], views[POINTS].shape[0], 1)
+              && views[GROUPS].shape[0] == contours->count
+              && views[IS_ABOVE].shape[0] == contours->count;
+    for (Py_ssize_t place = 0; place < contours->count; place++)
+        fit = fit && contours->chosen[place] >= 0
+              && contours->chosen[place] < views[FIRST].shape[0] - 1;
+    return fit;
 }
 
 /* Return the contacts' bytes, or raise what was wrong. */
-static PyObject *result_of(const Contacts *found, int is_consistent, int fits)
+static PyObject *result_of(const Contacts *found, Outcome outcome)
 {
-    if (!is_consistent)
+    if (outcome == NO_NUMBERS)
         return PyErr_Format(PyExc_ValueError,
-                            "Expected finite numbers, and a start, an end and a group of each edge");
-    return fits ? PyBytes_FromStringAndSize((const char *)found->items,
-                                            (Py_ssize_t)(found->count * sizeof(Contact)))
-                : PyErr_NoMemory();
+                            "Expected contours with vertices at finite numbers, and a group and "
+                            "a layer of each that is chosen");
+    if (outcome == NO_MEMORY)
+        return PyErr_NoMemory();
+    return PyBytes_FromStringAndSize((const char *)found->items,
+                                     (Py_ssize_t)(found->count * sizeof(Contact)));
 }
 
 static PyObject *contacts(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    Py_buffer views[EDGE_ARRAYS];
-    Contacts found = {.touch = count == EDGE_ARRAYS + 1 ? PyFloat_AsDouble(arguments[EDGE_ARRAYS])
-                                                        : 0.0};
-    if (PyErr_Occurred() || !get_arrays(arguments, count - 1, EDGE_KINDS, EDGE_ARRAYS, views))
+    Py_buffer views[CONTOUR_ARRAYS];
+    const double touch =
+        count == CONTOUR_ARRAYS + 1 ? PyFloat_AsDouble(arguments[CONTOUR_ARRAYS]) : 0.0;
+    if (PyErr_Occurred()
+        || !get_arrays(arguments, count - 1, CONTOUR_KINDS, CONTOUR_ARRAYS, views))
         return NULL;
-    Side sides[2] = {{NULL, views[GROUPS].shape[0]}, {NULL, views[SIDE_ARRAYS + GROUPS].shape[0]}};
-    int good = isfinite(found.touch), fits = 1;
-    for (int which = 0; which < 2; which++) {
-        const Py_buffer *own = views + which * SIDE_ARRAYS;
-        good = good && own[STARTS].shape[0] == sides[which].count
-               && own[ENDS].shape[0] == sides[which].count && are_finite(&own[STARTS])
-               && are_finite(&own[ENDS]);
+    const Contours contours = {views[POINTS].buf, views[FIRST].buf,    views[CHOSEN].buf,
+                               views[GROUPS].buf, views[IS_ABOVE].buf, views[CHOSEN].shape[0]};
+    Contacts found = {.touch = touch};
+    Outcome outcome = NO_NUMBERS;
+    if (isfinite(touch) && are_contours(views, &contours)) {
+        Py_BEGIN_ALLOW_THREADS
+        outcome = find_contacts(&contours, &found);
+        Py_END_ALLOW_THREADS
     }
-    Py_BEGIN_ALLOW_THREADS
-    for (int which = 0; which < 2 && good; which++) {
-        const Py_buffer *own = views + which * SIDE_ARRAYS;
-        fits = fits && lay_out(&sides[which], own[STARTS].buf, own[ENDS].buf, own[GROUPS].buf,
-                               found.touch);
-    }
-    fits = good && fits && find_contacts(&found, sides);
-    free(sides[0].edges);
-    free(sides[1].edges);
-    Py_END_ALLOW_THREADS
-    release_arrays(views, EDGE_ARRAYS);
-    PyObject *result = result_of(&found, good, fits);
+    release_arrays(views, CONTOUR_ARRAYS);
+    PyObject *result = result_of(&found, outcome);
     free(found.items);
     return result;
 }
@@ -440,7 +475,7 @@ static PyObject *take(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 
 static PyMethodDef METHODS[] = {
     {"contacts", (PyCFunction)(void (*)(void))contacts, METH_FASTCALL,
-     "Return where edges of one side share a vertex with those of the other, touch, or cross."},
+     "Return where contours below share vertices with those above, touch, or cross them."},
     {"crowded", (PyCFunction)(void (*)(void))crowded, METH_FASTCALL,
      "Tell which triangles have an edge that more than two share."},
     {"take", (PyCFunction)(void (*)(void))take, METH_FASTCALL,

@@ -2,12 +2,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 def contacts(
-    below_starts: NDArray[np.float64],
-    below_ends: NDArray[np.float64],
-    below_groups: NDArray[np.int64],
-    above_starts: NDArray[np.float64],
-    above_ends: NDArray[np.float64],
-    above_groups: NDArray[np.int64],
+    points: NDArray[np.float64],
+    first: NDArray[np.int64],
+    chosen: NDArray[np.int64],
+    groups: NDArray[np.int64],
+    is_above: NDArray[np.bool_],
     touch: float,
     /,
 ) -> bytes: ...

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from momrec_core.knots import Knots, cap, join_knots
 from momrec_core.layers import Layer, Slab, pieces_of_layers
 from momrec_core.manifolds import double_shared_edges
-from momrec_core.noding import Edges, find_contacts
+from momrec_core.noding import find_contacts
 from momrec_core.rings import Rings, ends_of, number_within
 from momrec_core.walking import Bands, walk_bands
 
@@ -159,10 +159,10 @@ class _Contours:
         links : array of int, shape (n, 2)
             The vertices below and above that lie upon each other.
         """
-        low, below, slabs = self._edges_of(pieces[~pieces.is_above])
-        high, above, _ = self._edges_of(pieces[pieces.is_above])
-        contacts = find_contacts(below, above)
-        vertices = np.concatenate([low[contacts.below], high[contacts.above]])
+        contours, owners = pieces.contours()
+        knots, is_above = pieces.knots[owners], pieces.is_above[owners]
+        contacts = find_contacts(self.corners, contours, knots, is_above)
+        vertices = np.concatenate([contacts.below, contacts.above])
         along = np.concatenate([contacts.below_at, contacts.above_at])
         new = np.flatnonzero(along > 0)
         edges, count = vertices[new], len(self.points)
@@ -170,25 +170,18 @@ class _Contours:
         of_contacts = new % max(len(contacts.points), 1)  # both sides have got all of them
         added = np.column_stack([contacts.points[of_contacts], self.points[edges, 2]])
         places = np.lexsort([along[new], edges])
+        slabs = np.empty(len(pieces.knots), dtype=np.int64)
+        slabs[pieces.knots] = pieces.slabs
         ends = self.ends.copy()
         ends[1:] += np.cumsum(np.bincount(edges, minlength=count))
         divided = replace(
             self,
             points=np.concatenate([self.points, added]),
-            owners=slabs[contacts.below[of_contacts]],
+            owners=slabs[contacts.groups[of_contacts]],
             order=np.insert(self.order, edges[places] + 1, count + places),
             ends=ends,
         )
         return divided, vertices.reshape(2, -1).T
-
-    def _edges_of(self, pieces: _Pieces) -> tuple[NDArray[np.int64], Edges, NDArray[np.int64]]:
-        """Return the corners that the edges of pieces start from, these edges, and their slabs."""
-        contours, owners = pieces.contours()
-        corners, places = self.corners.around(contours)
-        starts = self.corners.points[corners, :2]
-        ends = self.corners.points[self.corners.following[corners], :2]
-        owners = owners[places]
-        return corners, Edges(starts, ends, pieces.knots[owners]), pieces.slabs[owners]
 
     def knots(self, pieces: _Pieces, links: NDArray[np.int64]) -> Knots:
         """Return pieces with the vertices inserted into their contours."""

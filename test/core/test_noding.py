@@ -1,6 +1,7 @@
 """Contacts of contours, against shapely's intersections and against trying all pairs of edges."""
 
 from fractions import Fraction
+from itertools import product
 
 import numpy as np
 import pytest
@@ -9,15 +10,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from momrec_core._meeting import contacts
-from momrec_core.noding import TOUCH, Edges, find_contacts
+from momrec_core.noding import TOUCH, find_contacts
+from momrec_core.rings import Rings
 
 seeds = st.integers(0, 2**32 - 1)
 
 
-def edges_of(rings, groups):
-    starts = np.concatenate(rings).astype(float)
-    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]).astype(float)
-    return Edges(starts, ends, np.repeat(groups, [len(ring) for ring in rings]))
+def contours_of(below, above, groups=None):
+    """Return contours of two layers, and for each its number, group and layer."""
+    loops = [*below, *above]
+    points = np.concatenate([np.empty((0, 2)), *loops])
+    first = np.cumsum([0, *map(len, loops)])
+    rings = Rings(np.column_stack([points, np.zeros(len(points))]), first)
+    groups = np.zeros(len(loops), dtype=np.int64) if groups is None else groups
+    return rings, np.arange(len(loops)), groups, np.arange(len(loops)) >= len(below)
+
+
+def edges_of(rings):
+    """Return the edges of contours, shape (n, 2, 2), numbered as the vertices they start from."""
+    return np.stack([rings.points, rings.points[rings.following]], axis=1)[..., :2]
 
 
 def star(rng, count, size):
@@ -29,35 +40,28 @@ def star(rng, count, size):
     return ring[kept]
 
 
-def segments(edges):
-    return shapely.linestrings(np.stack([edges.starts, edges.ends], axis=1))
-
-
 @given(seeds, st.integers(1, 3), st.sampled_from([4.0, 30.0, 1000.0]))
 @settings(max_examples=60, deadline=None)
-def test_contacts_are_where_edges_of_a_group_meet(seed, groups, size):
+def test_contacts_are_where_contours_of_a_group_meet(seed, groups, size):
     rng = np.random.default_rng(seed)
-    below, above = (
-        edges_of([star(rng, 12, size) for _ in range(groups)], np.arange(groups)) for _ in "ab"
-    )
-    contacts = find_contacts(below, above)
-    low, high = segments(below), segments(above)
-    points = shapely.points(contacts.points)
-    assert (below.groups[contacts.below] == above.groups[contacts.above]).all()
-    assert (shapely.distance(points, low[contacts.below]) <= 2 * TOUCH).all()
-    assert (shapely.distance(points, high[contacts.above]) <= 2 * TOUCH).all()
-    for edges, at, which in (
-        (below, contacts.below_at, contacts.below),
-        (above, contacts.above_at, contacts.above),
-    ):
-        along = edges.starts[which] + at[:, None] * (edges.ends - edges.starts)[which]
+    below, above = ([star(rng, 12, size) for _ in range(groups)] for _ in "ab")
+    numbers = np.tile(np.arange(groups), 2)
+    rings, *chosen = contours_of(below, above, numbers)
+    contacts = find_contacts(rings, *chosen)
+    edges, of_edges = edges_of(rings), np.repeat(np.arange(2 * groups), rings.counts)
+    lines, points = shapely.linestrings(edges), shapely.points(contacts.points)
+    assert (of_edges[contacts.below] == contacts.groups).all()
+    assert (of_edges[contacts.above] == contacts.groups + groups).all()
+    for which, at in ((contacts.below, contacts.below_at), (contacts.above, contacts.above_at)):
+        assert (shapely.distance(points, lines[which]) <= 2 * TOUCH).all()
+        along = edges[which, 0] + at[:, None] * (edges[which, 1] - edges[which, 0])
         assert (np.linalg.norm(along - contacts.points, axis=1) <= 2 * TOUCH).all()
     for group in range(groups):
-        found = shapely.multipoints(contacts.points[below.groups[contacts.below] == group])
-        met = shapely.intersection(
-            low[below.groups == group][:, None], high[above.groups == group][None]
+        found = shapely.multipoints(contacts.points[contacts.groups == group])
+        low, high = (lines[of_edges == contour] for contour in (group, group + groups))
+        corners = shapely.points(
+            shapely.get_coordinates(shapely.intersection(low[:, None], high[None]))
         )
-        corners = shapely.points(shapely.get_coordinates(met))
         assert (shapely.distance(corners, found) <= 2 * TOUCH).all()
 
 
@@ -94,23 +98,17 @@ def places_in_common(first, second):
 @settings(max_examples=40, deadline=None)
 def test_contacts_of_contours_on_a_grid_are_those_of_exact_arithmetic(seed, size):
     rng = np.random.default_rng(seed)
-    below, above = (
-        edges_of([star(rng, 10, size) for _ in range(2)], rng.integers(0, 2, 2)) for _ in "ab"
-    )
+    below, above = ([star(rng, 10, size) for _ in range(2)] for _ in "ab")
+    rings, *chosen = contours_of(below, above, rng.integers(0, 2, 4))
+    of_edges = np.repeat(chosen[1], rings.counts)
+    lines = [tuple(map(tuple, edge)) for edge in edges_of(rings).astype(int).tolist()]
+    border = int(rings.first[2])
     exact = {}
-    lines = [
-        [
-            tuple(map(tuple, edge))
-            for edge in np.stack([edges.starts, edges.ends], 1).astype(int).tolist()
-        ]
-        for edges in (below, above)
-    ]
-    for low, first in enumerate(lines[0]):
-        for high, second in enumerate(lines[1]):
-            if below.groups[low] == above.groups[high]:
-                for at, other_at in places_in_common(first, second):
-                    exact[low, high, at == 0, other_at == 0] = float(at), float(other_at)
-    contacts = find_contacts(below, above)
+    for low, high in product(range(border), range(border, len(lines))):
+        if of_edges[low] == of_edges[high]:
+            for at, other_at in places_in_common(lines[low], lines[high]):
+                exact[low, high, at == 0, other_at == 0] = float(at), float(other_at)
+    contacts = find_contacts(rings, *chosen)
     found = {
         (low, high, at == 0, other_at == 0): (at, other_at)
         for low, high, at, other_at in zip(
@@ -129,52 +127,60 @@ def test_contacts_of_contours_on_a_grid_are_those_of_exact_arithmetic(seed, size
 @settings(max_examples=20, deadline=None)
 def test_no_contact_is_found_twice(seed):
     rng = np.random.default_rng(seed)
-    below, above = (edges_of([star(rng, 40, 20.0)], [0]) for _ in "ab")
-    contacts = find_contacts(below, above)
+    contacts = find_contacts(*contours_of([star(rng, 40, 20.0)], [star(rng, 40, 20.0)]))
     rows = np.column_stack([contacts.below, contacts.above, contacts.below_at, contacts.above_at])
     assert len(np.unique(rows, axis=0)) == len(rows)
 
 
-def test_groups_and_sides_without_edges_have_no_contacts():
-    square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
-    one, other = edges_of([square], [0]), edges_of([square + 1.0], [1])
-    nothing = Edges(np.empty((0, 2)), np.empty((0, 2)), np.empty(0, dtype=np.int64))
-    for below, above in ((one, other), (one, nothing), (nothing, other), (nothing, nothing)):
-        contacts = find_contacts(below, above)
+SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
+
+
+def test_groups_layers_and_contours_that_are_not_chosen_have_no_contacts():
+    rings, contours, groups, is_above = contours_of([SQUARE], [SQUARE + 1.0])
+    assert len(find_contacts(rings, contours, groups, is_above).points) == 2
+    for chosen in (
+        (contours, np.array([0, 1]), is_above),
+        (contours, groups, np.array([True, True])),
+        (contours[1:], groups[1:], is_above[1:]),
+        (contours[:0], groups[:0], is_above[:0]),
+    ):
+        contacts = find_contacts(rings, *chosen)
         assert len(contacts.below) == len(contacts.above) == len(contacts.points) == 0
 
 
 def test_vertices_within_the_touch_are_one():
-    square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
-    shaken = square + np.array([[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]]) * TOUCH / 2
-    contacts = find_contacts(edges_of([square], [0]), edges_of([shaken], [0]))
+    shaken = SQUARE + np.array([[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]]) * TOUCH / 2
+    contacts = find_contacts(*contours_of([SQUARE], [shaken]))
     assert sorted(contacts.below.tolist()) == [0, 1, 2, 3]
-    assert contacts.above.tolist() == contacts.below.tolist()
+    assert (contacts.above == contacts.below + 4).all()
     assert not contacts.below_at.any()
     assert not contacts.above_at.any()
-
-
-EDGE = (np.zeros((1, 2)), np.ones((1, 2)), np.zeros(1, dtype=np.int64))
 
 
 @pytest.mark.parametrize(
     ("place", "value", "error"),
     [
-        (0, np.array([[np.nan, 0.0]]), ValueError),
-        (4, np.array([[0.0, np.inf]]), ValueError),
-        (1, np.zeros((2, 2)), ValueError),
-        (5, np.zeros(0, dtype=np.int64), ValueError),
-        (3, np.zeros((1, 3)), TypeError),
-        (2, np.zeros(1), TypeError),
-        (6, np.nan, ValueError),
-        (6, "near", TypeError),
+        (0, np.full((8, 3), np.nan), ValueError),
+        (0, np.full((8, 3), np.inf), ValueError),
+        (0, np.zeros((8, 2)), TypeError),
+        (1, np.array([0, 4, 7]), ValueError),
+        (1, np.array([0, 0, 8]), ValueError),
+        (1, np.empty(0, dtype=np.int64), ValueError),
+        (2, np.array([0, 2]), ValueError),
+        (2, np.array([-1, 0]), ValueError),
+        (2, np.zeros(2), TypeError),
+        (3, np.zeros(3, dtype=np.int64), ValueError),
+        (4, np.zeros(1, dtype=bool), ValueError),
+        (5, np.nan, ValueError),
+        (5, "near", TypeError),
     ],
 )
-def test_edges_that_do_not_fit_are_refused(place, value, error):
-    arguments = [*EDGE, *EDGE, TOUCH]
+def test_contours_that_do_not_fit_are_refused(place, value, error):
+    rings, *chosen = contours_of([SQUARE], [SQUARE + 1.0])
+    arguments = [rings.points, rings.first, *chosen, TOUCH]
     assert len(contacts(*arguments)) > 0
     arguments[place] = value
     with pytest.raises(error):
         contacts(*arguments)
-    with pytest.raises(TypeError, match=r"^Expected 6 arrays"):
-        contacts(*EDGE, TOUCH)
+    with pytest.raises(TypeError, match=r"^Expected 5 arrays"):
+        contacts(rings.points, rings.first, TOUCH)
