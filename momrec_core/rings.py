@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Rings", "ends_of", "number_within"]
+__all__ = ["Rings", "ends_of", "number_within", "runs"]
 
 
 def ends_of(counts: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -33,6 +33,14 @@ def number_within(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray
     """
     groups = np.repeat(np.arange(len(counts)), counts)
     return groups, np.arange(len(groups)) - np.repeat(np.cumsum(counts) - counts, counts)
+
+
+def runs(starts: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Count on from several numbers, so many each, one run behind the other."""
+    ends = ends_of(counts)
+    numbers = np.repeat(starts - ends[:-1], counts)
+    numbers += np.arange(len(numbers))
+    return numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,5 +127,5 @@ class Rings:
         vertices, places : array of int
             ``rings[places[i]]`` is the contour of vertex i.
         """
-        places, positions = number_within(self.counts[rings])
-        return self.first[rings][places] + positions, places
+        counts = self.counts[rings]
+        return runs(self.first[rings], counts), np.repeat(np.arange(len(rings)), counts)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +13,11 @@ from momrec_core.knots import Knots, cap, join_knots
 from momrec_core.layers import Layer, Slab, pieces_of_layers
 from momrec_core.manifolds import double_shared_edges
 from momrec_core.noding import find_contacts
-from momrec_core.rings import Rings, ends_of, number_within
+from momrec_core.rings import Rings, ends_of, runs
 from momrec_core.walking import Bands, walk_bands
 
 __all__ = ["tile"]
 
-_Scalar = TypeVar("_Scalar", np.float64, np.int64)
 _Knot = tuple[int, tuple[list[int], list[int]]]  # a slab; pieces of the layers below and above
 
 
@@ -82,8 +80,8 @@ class _Pieces:
     def contours(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the contours of all pieces, and the piece of each."""
         first, last = self.ends.T
-        pieces, places = number_within(last - first)
-        return first[pieces] + places, pieces
+        counts = last - first
+        return runs(first, counts), np.repeat(np.arange(len(counts)), counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,18 +118,20 @@ class _Contours:
     def of_layers(cls, layers: Sequence[Layer]) -> _Contours:
         regions, starts = pieces_of_layers(layers)
         counts = np.array([len(layer) for layer in layers], dtype=np.int64)
-        pieces = np.column_stack([starts, starts + counts])
-        contours = regions.first[pieces]
-        vertices = regions.rings.first[contours]
-        sizes = np.diff(vertices)[:, 0]
-        points = np.empty((sizes.sum(), 3))
-        np.concatenate(_spans(regions.rings.points, vertices), out=points[:, :2])
-        points[:, 2] = np.repeat([layer.offset for layer in layers], sizes)
-        counts_of_rings = np.concatenate(_spans(regions.rings.counts, contours))
+        pieces = runs(starts, counts)
+        contours = np.diff(regions.first)[pieces]
+        rings = runs(regions.first[pieces], contours)
+        vertices = regions.rings.counts[rings]
+        of_layers, of_pieces, first = ends_of(counts), ends_of(contours), ends_of(vertices)
+        points = np.empty((first[-1], 3))
+        chosen = runs(regions.rings.first[rings], vertices)
+        points[:, :2] = regions.rings.points.take(chosen, axis=0)
+        heights = [layer.offset for layer in layers]
+        points[:, 2] = np.repeat(heights, np.diff(first[of_pieces[of_layers]]))
         return cls(
-            Rings(points, ends_of(counts_of_rings)),
-            layers=ends_of(counts),
-            pieces=ends_of(np.concatenate(_spans(np.diff(regions.first), pieces))),
+            Rings(points, first),
+            layers=of_layers,
+            pieces=of_pieces,
             points=points,
             owners=np.empty(0, dtype=np.int64),
             order=np.arange(len(points)),
@@ -198,8 +198,7 @@ class _Contours:
     def around(self, contours: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the vertices around contours, and where those of each begin and the last end."""
         starts, stops = self.ends[self.corners.first[[contours, contours + 1]]]
-        numbers, positions = number_within(stops - starts)
-        return self.order[starts[numbers] + positions], ends_of(stops - starts)
+        return self.order[runs(starts, stops - starts)], ends_of(stops - starts)
 
 
 def _bands(
@@ -240,8 +239,3 @@ def _caps(contours: _Contours, pieces: _Pieces) -> NDArray[np.int64]:
     vertices, ends = contours.around(numbers)
     first = ends_of(np.diff(pieces.ends)[:, 0])
     return cap(contours.points, vertices, ends, first, ~pieces.is_above)
-
-
-def _spans(values: NDArray[_Scalar], spans: NDArray[np.int64]) -> list[NDArray[_Scalar]]:
-    """Return parts of an array, from one place to another each."""
-    return [values[low:high] for low, high in spans.tolist()]

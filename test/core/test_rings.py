@@ -6,7 +6,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from momrec_core.rings import Rings, number_within
+from momrec_core.rings import Rings, number_within, runs
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -66,3 +66,10 @@ def test_members_are_numbered_within_their_groups(counts):
     groups, positions = number_within(np.array(counts, dtype=np.int64))
     expected = [(group, place) for group, count in enumerate(counts) for place in range(count)]
     assert list(zip(groups.tolist(), positions.tolist(), strict=True)) == expected
+
+
+@given(st.lists(st.tuples(st.integers(-99, 99), st.integers(0, 5))))
+def test_runs_are_ranges_one_behind_the_other(ranges):
+    starts, counts = np.array(ranges, dtype=np.int64).reshape(-1, 2).T
+    expected = [number for start, count in ranges for number in range(start, start + count)]
+    assert runs(starts, counts).tolist() == expected
