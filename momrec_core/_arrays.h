@@ -55,6 +55,35 @@ static inline int get_arrays(PyObject *const *arguments, Py_ssize_t given, const
     return 1;
 }
 
+static inline void release_tables(Py_buffer *views, Py_ssize_t tables, int count)
+{
+    for (Py_ssize_t place = 0; place < tables * count; place++)
+        PyBuffer_Release(&views[place]);
+    PyMem_Free(views);
+}
+
+/* Get the arrays of each tuple in a tuple; return NULL with an error set if one is not right. */
+static inline Py_buffer *get_tables(PyObject *tables, const ArrayKind *kinds, int count)
+{
+    if (!PyTuple_Check(tables))
+        return (Py_buffer *)PyErr_Format(PyExc_TypeError, "Expected a tuple of tuples of arrays");
+    const Py_ssize_t given = PyTuple_GET_SIZE(tables);
+    Py_buffer *views = PyMem_Calloc((size_t)given * (size_t)count + 1, sizeof(Py_buffer));
+    if (views == NULL)
+        return (Py_buffer *)PyErr_NoMemory();
+    for (Py_ssize_t got = 0; got < given; got++) {
+        PyObject *arrays = PyTuple_GET_ITEM(tables, got);
+        if (!PyTuple_Check(arrays))
+            PyErr_SetString(PyExc_TypeError, "Expected a tuple of tuples of arrays");
+        else if (get_arrays(&PyTuple_GET_ITEM(arrays, 0), PyTuple_GET_SIZE(arrays), kinds, count,
+                            views + got * count))
+            continue;
+        release_tables(views, got, count);
+        return NULL;
+    }
+    return views;
+}
+
 /* Tell whether numbers increase from 0 to a last one, each by so much at the least. */
 static inline int are_ends(const Py_buffer *ends, int64_t last, int64_t least)
 {

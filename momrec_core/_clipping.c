@@ -6,22 +6,30 @@ enum { MOST_LEFT_OUT = 16 }; /* vertices one after the other: so that time stays
 
 /* --- all planes --------------------------------------------------------------------------- */
 
+/* What planes are clipped with in one step: an outline each, scaled and shifted. */
 typedef struct {
-    Regions regions, outlines;
-    Py_ssize_t steps;      /* outlines that each plane is clipped with, one after the other */
-    const int64_t *chosen; /* (steps, planes): which */
-    const double *scales;  /* (steps, planes) */
-    const double *shifts;  /* (steps, planes, 2) */
-    int64_t *done;         /* (planes,), in and out: the steps that a plane has behind it */
+    Regions regions;
+    Outline *outlines;     /* of the regions, laid out when they are first needed */
+    const int64_t *chosen; /* (planes,): which */
+    const double *scales;  /* (planes,) */
+    const double *shifts;  /* (planes, 2) */
+} Step;
+
+typedef struct {
+    Regions regions;
+    Step *steps; /* one after the other */
+    Py_ssize_t count;
+    int64_t *done; /* (planes,), in and out: the steps that a plane has behind it */
     double tolerance;
 } Work;
 
-/* Lay an outline out when it is first needed. */
-static const Outline *laid(const Work *work, Outline *outlines, int64_t which)
+/* Return the outline that a plane is clipped with in a step. */
+static const Outline *outline_of(const Step *step, Py_ssize_t plane)
 {
-    Outline *outline = &outlines[which];
+    const int64_t which = step->chosen[plane];
+    Outline *outline = &step->outlines[which];
     if (!outline->is_laid)
-        outline->is_laid = lay_out(&outline->edges, outline->memory, &work->outlines, which)
+        outline->is_laid = lay_out(&outline->edges, outline->memory, &step->regions, which)
                            && enter_edges(outline);
     return outline->is_laid ? outline : NULL;
 }
@@ -48,7 +56,7 @@ static int take_back(Room *room, Edges *region, size_t points, size_t ends)
 }
 
 /* Clip the region of one plane, step by step; stop before a step that is doubtful. */
-static int clip_plane(const Work *work, Room *room, Outline *outlines, Py_ssize_t plane)
+static int clip_plane(const Work *work, Room *room, Py_ssize_t plane)
 {
     static const double NOWHERE[2] = {0.0, 0.0};
     const size_t points = room->points.count, ends = room->rings.count;
@@ -56,16 +64,16 @@ static int clip_plane(const Work *work, Room *room, Outline *outlines, Py_ssize_
     if (!lay_out(&region, room->memory, &work->regions, plane))
         return 0;
     Side sides[2] = {{.edges = &region, .scale = 1.0, .shift = NOWHERE}};
-    for (int64_t *done = &work->done[plane]; *done < work->steps; ++*done) {
+    for (int64_t *done = &work->done[plane]; *done < work->count; ++*done) {
         if (region.rings == 0) {
-            *done = work->steps;
+            *done = work->count;
             break;
         }
-        const Py_ssize_t at = *done * work->regions.count + plane;
-        const Outline *outline = laid(work, outlines, work->chosen[at]);
+        const Step *step = &work->steps[*done];
+        const Outline *outline = outline_of(step, plane);
         if (outline == NULL)
             return 0;
-        sides[1] = (Side){&outline->edges, work->scales[at], work->shifts + 2 * at, NULL};
+        sides[1] = (Side){&outline->edges, step->scales[plane], step->shifts + 2 * plane, NULL};
         const Outcome outcome = intersect(room, sides, outline, work->tolerance);
         if (outcome == NO_MEMORY)
             return 0;
@@ -83,20 +91,30 @@ static int clip_plane(const Work *work, Room *room, Outline *outlines, Py_ssize_
     return add_end(&room->regions, room->rings.count - 1);
 }
 
+static void free_outlines(Step *step)
+{
+    for (Py_ssize_t which = 0; step->outlines && which < step->regions.count; which++) {
+        for (int list = 0; list < 3; list++)
+            free(step->outlines[which].memory[list].items);
+        free(step->outlines[which].cells.items);
+        free(step->outlines[which].entries.items);
+    }
+    free(step->outlines);
+}
+
 /* Clip all; return whether the memory sufficed. */
 static int clip_all(const Work *work, Room *room)
 {
-    Outline *outlines = calloc((size_t)work->outlines.count + 1, sizeof(Outline));
-    int fits = outlines != NULL && add_end(&room->rings, 0) && add_end(&room->regions, 0);
-    for (Py_ssize_t plane = 0; fits && plane < work->regions.count; plane++)
-        fits = clip_plane(work, room, outlines, plane);
-    for (Py_ssize_t which = 0; outlines && which < work->outlines.count; which++) {
-        for (int list = 0; list < 3; list++)
-            free(outlines[which].memory[list].items);
-        free(outlines[which].cells.items);
-        free(outlines[which].entries.items);
+    int fits = add_end(&room->rings, 0) && add_end(&room->regions, 0);
+    for (Py_ssize_t step = 0; step < work->count; step++) {
+        const size_t outlines = (size_t)work->steps[step].regions.count;
+        work->steps[step].outlines = calloc(outlines + 1, sizeof(Outline));
+        fits = fits && work->steps[step].outlines != NULL;
     }
-    free(outlines);
+    for (Py_ssize_t plane = 0; fits && plane < work->regions.count; plane++)
+        fits = clip_plane(work, room, plane);
+    for (Py_ssize_t step = 0; step < work->count; step++)
+        free_outlines(&work->steps[step]);
     return fits;
 }
 
@@ -260,57 +278,59 @@ static int take_apart(const Regions *regions, Enclosed *rings, int64_t *ends, Ro
 
 /* --- Python ------------------------------------------------------------------------------- */
 
-enum {
-    POINTS, RINGS, REGIONS, OUTLINE_POINTS, OUTLINE_RINGS, OUTLINE_REGIONS,
-    CHOSEN, SCALES, SHIFTS, DONE_STEPS, ARRAYS
-};
+enum { POINTS, RINGS, REGIONS, DONE_STEPS, ARRAYS, FOOTPRINTS = ARRAYS, TOLERANCE, ARGUMENTS };
 
 static const ArrayKind KINDS[ARRAYS] = {
-    {"points", 'd', 2, 0},         {"rings", 'q', 0, 0},         {"regions", 'q', 0, 0},
+    {"points", 'd', 2, 0}, {"rings", 'q', 0, 0}, {"regions", 'q', 0, 0}, {"done", 'q', 0, 1},
+};
+
+enum { REGION_ARRAYS = DONE_STEPS }; /* of any regions */
+
+enum { CHOSEN = REGION_ARRAYS, SCALES, SHIFTS, STEP_ARRAYS };
+
+static const ArrayKind STEP_KINDS[STEP_ARRAYS] = {
     {"outline points", 'd', 2, 0}, {"outline rings", 'q', 0, 0}, {"outline regions", 'q', 0, 0},
     {"chosen", 'q', 0, 0},         {"scales", 'd', 0, 0},        {"shifts", 'd', 2, 0},
-    {"done", 'q', 0, 1},
 };
 
-enum { HELD_CHOSEN = OUTLINE_POINTS, HELD_POINTS, IS_HELD, HELD_ARRAYS };
-
-static const ArrayKind HELD_KINDS[HELD_ARRAYS] = {
-    {"points", 'd', 2, 0}, {"rings", 'q', 0, 0}, {"regions", 'q', 0, 0},
-    {"chosen", 'q', 0, 0}, {"held points", 'd', 2, 0}, {"is_held", '?', 0, 1},
-};
-
-enum { AREAS = OUTLINE_POINTS, BOXES, MEASURED_ARRAYS };
+enum { AREAS = REGION_ARRAYS, BOXES, MEASURED_ARRAYS };
 
 static const ArrayKind MEASURED_KINDS[MEASURED_ARRAYS] = {
     {"points", 'd', 2, 0}, {"rings", 'q', 0, 0}, {"regions", 'q', 0, 0},
     {"areas", 'd', 0, 1},  {"boxes", 'd', 4, 1},
 };
 
-enum { ENDS = OUTLINE_POINTS, TAKEN_ARRAYS };
+enum { ENDS = REGION_ARRAYS, TAKEN_ARRAYS };
 
 static const ArrayKind TAKEN_KINDS[TAKEN_ARRAYS] = {
     {"points", 'd', 2, 0}, {"rings", 'q', 0, 0}, {"regions", 'q', 0, 0}, {"ends", 'q', 0, 1},
 };
 
-static int is_consistent(const Py_buffer *views, Work *work)
+/* Take over the arrays of a step; return whether they agree. */
+static int is_step(const Py_buffer *views, Py_ssize_t planes, Step *step)
 {
-    int good = are_regions(views + POINTS, &work->regions)
-               && are_regions(views + OUTLINE_POINTS, &work->outlines)
-               && are_moderate(&views[SCALES]) && are_moderate(&views[SHIFTS])
-               && work->tolerance >= 0 && work->tolerance <= MOST;
-    const Py_ssize_t planes = work->regions.count, places = views[CHOSEN].shape[0];
-    work->steps = planes > 0 ? places / planes : 0;
-    good = good && places == work->steps * planes && views[SCALES].shape[0] == places
-           && views[SHIFTS].shape[0] == places && views[DONE_STEPS].shape[0] == planes;
-    work->chosen = views[CHOSEN].buf;
-    work->scales = views[SCALES].buf;
-    work->shifts = views[SHIFTS].buf;
-    work->done = views[DONE_STEPS].buf;
-    for (Py_ssize_t place = 0; good && place < places; place++)
-        good = work->chosen[place] >= 0 && work->chosen[place] < work->outlines.count
-               && work->scales[place] >= 1 / MOST;
+    int good = are_regions(views, &step->regions) && are_moderate(&views[SCALES])
+               && are_moderate(&views[SHIFTS]) && views[CHOSEN].shape[0] == planes
+               && views[SCALES].shape[0] == planes && views[SHIFTS].shape[0] == planes;
+    step->chosen = views[CHOSEN].buf;
+    step->scales = views[SCALES].buf;
+    step->shifts = views[SHIFTS].buf;
     for (Py_ssize_t plane = 0; good && plane < planes; plane++)
+        good = step->chosen[plane] >= 0 && step->chosen[plane] < step->regions.count
+               && step->scales[plane] >= 1 / MOST;
+    return good;
+}
+
+/* Take over the arrays of all steps as well; return whether they agree. */
+static int is_consistent(const Py_buffer *views, const Py_buffer *step_views, Work *work)
+{
+    int good = are_regions(views, &work->regions) && work->tolerance >= 0
+               && work->tolerance <= MOST && views[DONE_STEPS].shape[0] == work->regions.count;
+    work->done = views[DONE_STEPS].buf;
+    for (Py_ssize_t plane = 0; good && plane < work->regions.count; plane++)
         good = work->done[plane] >= 0;
+    for (Py_ssize_t step = 0; good && step < work->count; step++)
+        good = is_step(step_views + step * STEP_ARRAYS, work->regions.count, &work->steps[step]);
     return good;
 }
 
@@ -324,57 +344,43 @@ static PyObject *result_of(Room *room, int fits)
     return result;
 }
 
-/* Get arrays, and a tolerance after them; return 0 with an error set if that fails. */
-static int get_all(PyObject *const *arguments, Py_ssize_t given, int count, Py_buffer *views,
-                   double *tolerance)
+/* Clip with arrays that have been got; return NULL with an error set if that fails. */
+static PyObject *clipped(const Py_buffer *views, const Py_buffer *step_views, Work *work)
 {
-    *tolerance = given == count + 1 ? PyFloat_AsDouble(arguments[count]) : 0.0;
-    return !PyErr_Occurred() && get_arrays(arguments, given - 1, KINDS, count, views);
+    Room room = {0};
+    int fits;
+    work->steps = PyMem_Calloc((size_t)work->count + 1, sizeof(Step));
+    if (work->steps == NULL)
+        return PyErr_NoMemory();
+    if (!is_consistent(views, step_views, work)) {
+        PyMem_Free(work->steps);
+        return reject();
+    }
+    Py_BEGIN_ALLOW_THREADS
+    fits = clip_all(work, &room);
+    Py_END_ALLOW_THREADS
+    PyMem_Free(work->steps);
+    return result_of(&room, fits);
 }
 
 static PyObject *clip(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
     Py_buffer views[ARRAYS];
-    Work work;
-    if (!get_all(arguments, count, ARRAYS, views, &work.tolerance))
+    if (count != ARGUMENTS)
+        return PyErr_Format(PyExc_TypeError, "Expected %d arguments, got %zd", ARGUMENTS, count);
+    Work work = {.tolerance = PyFloat_AsDouble(arguments[TOLERANCE])};
+    if (PyErr_Occurred() || !get_arrays(arguments, ARRAYS, KINDS, ARRAYS, views))
         return NULL;
-    PyObject *result;
-    if (is_consistent(views, &work)) {
-        Room room = {0};
-        int fits;
-        Py_BEGIN_ALLOW_THREADS
-        fits = clip_all(&work, &room);
-        Py_END_ALLOW_THREADS
-        result = result_of(&room, fits);
-    } else {
-        result = reject();
+    PyObject *result = NULL;
+    Py_buffer *step_views = get_tables(arguments[FOOTPRINTS], STEP_KINDS, STEP_ARRAYS);
+    if (step_views != NULL) {
+        work.count = PyTuple_GET_SIZE(arguments[FOOTPRINTS]);
+        result = clipped(views, step_views, &work);
+        release_tables(step_views, work.count, STEP_ARRAYS);
     }
     release_arrays(views, ARRAYS);
     return result;
-}
-
-static PyObject *hold(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
-{
-    (void)module;
-    Py_buffer views[HELD_ARRAYS];
-    Regions regions;
-    if (!get_arrays(arguments, count, HELD_KINDS, HELD_ARRAYS, views))
-        return NULL;
-    int good = are_regions(views, &regions);
-    const int64_t *chosen = views[HELD_CHOSEN].buf;
-    const double *points = views[HELD_POINTS].buf;
-    uint8_t *is_held = views[IS_HELD].buf;
-    const Py_ssize_t places = views[HELD_CHOSEN].shape[0];
-    good = good && views[HELD_POINTS].shape[0] == places && views[IS_HELD].shape[0] == places;
-    for (Py_ssize_t place = 0; good && place < places; place++)
-        good = chosen[place] >= 0 && chosen[place] < regions.count;
-    for (Py_ssize_t place = 0; good && place < places; place++)
-        is_held[place] = (uint8_t)region_holds(&regions, chosen[place], points + 2 * place);
-    release_arrays(views, HELD_ARRAYS);
-    if (!good)
-        return reject();
-    Py_RETURN_NONE;
 }
 
 static PyObject *measure(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -398,10 +404,10 @@ static PyObject *measure(PyObject *module, PyObject *const *arguments, Py_ssize_
 static PyObject *simplify(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    Py_buffer views[OUTLINE_POINTS];
+    Py_buffer views[REGION_ARRAYS];
     Regions regions;
-    double tolerance;
-    if (!get_all(arguments, count, OUTLINE_POINTS, views, &tolerance))
+    const double tolerance = count > 0 ? PyFloat_AsDouble(arguments[count - 1]) : 0.0;
+    if (PyErr_Occurred() || !get_arrays(arguments, count - 1, KINDS, REGION_ARRAYS, views))
         return NULL;
     PyObject *result;
     if (are_regions(views, &regions)) {
@@ -414,7 +420,7 @@ static PyObject *simplify(PyObject *module, PyObject *const *arguments, Py_ssize
     } else {
         result = reject();
     }
-    release_arrays(views, OUTLINE_POINTS);
+    release_arrays(views, REGION_ARRAYS);
     return result;
 }
 
@@ -447,8 +453,6 @@ static PyMethodDef METHODS[] = {
      "Clip the region of each plane with outlines, scaled and shifted, one after the other."},
     {"apart", (PyCFunction)(void (*)(void))apart, METH_FASTCALL,
      "Take regions apart into connected pieces, and tell where each region's begin."},
-    {"hold", (PyCFunction)(void (*)(void))hold, METH_FASTCALL,
-     "Tell for points whether the region of each, chosen among some, holds it."},
     {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL,
      "Measure regions: areas and boxes."},
     {"simplify", (PyCFunction)(void (*)(void))simplify, METH_FASTCALL,

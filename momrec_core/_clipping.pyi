@@ -1,17 +1,23 @@
+from typing import TypeAlias
+
 import numpy as np
 from numpy.typing import NDArray
+
+Footprint: TypeAlias = tuple[
+    NDArray[np.float64],  # outline points
+    NDArray[np.int64],  # outline rings
+    NDArray[np.int64],  # outline regions
+    NDArray[np.int64],  # chosen
+    NDArray[np.float64],  # scales
+    NDArray[np.float64],  # shifts
+]
 
 def clip(
     points: NDArray[np.float64],
     rings: NDArray[np.int64],
     regions: NDArray[np.int64],
-    outline_points: NDArray[np.float64],
-    outline_rings: NDArray[np.int64],
-    outline_regions: NDArray[np.int64],
-    chosen: NDArray[np.int64],
-    scales: NDArray[np.float64],
-    shifts: NDArray[np.float64],
     done: NDArray[np.int64],
+    footprints: tuple[Footprint, ...],
     tolerance: float,
     /,
 ) -> tuple[bytes, bytes, bytes]: ...
@@ -22,15 +28,6 @@ def apart(
     ends: NDArray[np.int64],
     /,
 ) -> tuple[bytes, bytes, bytes]: ...
-def hold(
-    points: NDArray[np.float64],
-    rings: NDArray[np.int64],
-    regions: NDArray[np.int64],
-    chosen: NDArray[np.int64],
-    held_points: NDArray[np.float64],
-    is_held: NDArray[np.bool_],
-    /,
-) -> None: ...
 def measure(
     points: NDArray[np.float64],
     rings: NDArray[np.int64],

@@ -10,7 +10,6 @@
  * A pair: slab, piece below and above, contours of each, number of each one's first in its layer.
  * A knot's member: slab, number of the knot in it, side (0 below, 1 above), piece. */
 enum { PAIR = 6, MEMBER = 4 };
-enum { MOST_BATCHES = 1000000 }; /* so that their arrays can be counted */
 
 /* The pieces of several layers. */
 typedef struct {
@@ -359,52 +358,19 @@ enum {
     BATCHES = ARRAYS, LIBRARY, MOST_TRIED, AREA_RATIO, WIDTH_RATIO, TOLERANCE, ARGUMENTS
 };
 
-static void release_batches(Task *task, Py_buffer *views)
+/* Take over the arrays of batches, one behind the other; return whether they agree. */
+static int are_batches(const Py_buffer *views, Batch *batches, Py_ssize_t count)
 {
-    release_arrays(views, (int)task->batch_count * BATCH_ARRAYS);
-    PyMem_Free(views);
-    PyMem_Free(task->batches);
-}
-
-/* Get the arrays of all batches; return NULL with an error set if that fails. */
-static Py_buffer *get_batches(PyObject *batches, Task *task)
-{
-    if (!PyTuple_Check(batches) || PyTuple_GET_SIZE(batches) > MOST_BATCHES) {
-        PyErr_SetString(PyExc_TypeError, "Expected a tuple of batches");
-        return NULL;
-    }
-    const size_t count = (size_t)PyTuple_GET_SIZE(batches);
-    Py_buffer *views = PyMem_Calloc(count * BATCH_ARRAYS + 1, sizeof(Py_buffer));
-    task->batches = PyMem_Calloc(count + 1, sizeof(Batch));
     int is_good = 1;
-    if (views == NULL || task->batches == NULL) {
-        PyErr_NoMemory();
-        is_good = 0;
+    for (Py_ssize_t place = 0; is_good && place < count; place++, views += BATCH_ARRAYS) {
+        Batch *batch = &batches[place];
+        batch->areas = views[AREAS].buf;
+        batch->boxes = views[BOXES].buf;
+        is_good = are_regions(views, &batch->pieces)
+                  && views[AREAS].shape[0] == batch->pieces.count
+                  && views[BOXES].shape[0] == batch->pieces.count;
     }
-    for (size_t place = 0; is_good && place < count; place++) {
-        Py_buffer *own = views + place * BATCH_ARRAYS;
-        Batch *batch = &task->batches[place];
-        PyObject *arrays = PyTuple_GET_ITEM(batches, place);
-        if (!PyTuple_Check(arrays))
-            PyErr_SetString(PyExc_TypeError, "Expected a tuple of arrays for each batch");
-        is_good = PyTuple_Check(arrays)
-                  && get_arrays(&PyTuple_GET_ITEM(arrays, 0), PyTuple_GET_SIZE(arrays), BATCH_KINDS,
-                                BATCH_ARRAYS, own);
-        if (!is_good)
-            break;
-        task->batch_count++;
-        batch->areas = own[AREAS].buf;
-        batch->boxes = own[BOXES].buf;
-        is_good = are_regions(own, &batch->pieces)
-                  && own[AREAS].shape[0] == batch->pieces.count
-                  && own[BOXES].shape[0] == batch->pieces.count;
-        if (!is_good)
-            reject();
-    }
-    if (is_good)
-        return views;
-    release_batches(task, views);
-    return NULL;
+    return is_good;
 }
 
 /* Tell whether layers are among the pieces, and what is listed among the layers, in order. */
@@ -462,11 +428,20 @@ static PyObject *match(PyObject *module, PyObject *const *arguments, Py_ssize_t 
                  .tolerance = PyFloat_AsDouble(arguments[TOLERANCE])};
     if (PyErr_Occurred() || !get_arrays(arguments, ARRAYS, KINDS, ARRAYS, views))
         return NULL;
-    Py_buffer *batch_views = get_batches(arguments[BATCHES], &task);
+    Py_buffer *batch_views = get_tables(arguments[BATCHES], BATCH_KINDS, BATCH_ARRAYS);
     PyObject *result = NULL;
     if (batch_views != NULL) {
-        result = is_consistent(views, &task) ? matches_of(&task) : reject();
-        release_batches(&task, batch_views);
+        task.batch_count = PyTuple_GET_SIZE(arguments[BATCHES]);
+        task.batches = PyMem_Calloc((size_t)task.batch_count + 1, sizeof(Batch));
+        if (task.batches == NULL)
+            PyErr_NoMemory();
+        else if (are_batches(batch_views, task.batches, task.batch_count)
+                 && is_consistent(views, &task))
+            result = matches_of(&task);
+        else
+            reject();
+        PyMem_Free(task.batches);
+        release_tables(batch_views, task.batch_count, BATCH_ARRAYS);
     }
     release_arrays(views, ARRAYS);
     return result;

@@ -13,7 +13,7 @@ from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 
-from momrec_core._clipping import apart, clip, hold, measure, simplify
+from momrec_core._clipping import apart, clip, measure, simplify
 from momrec_core.rings import Rings, ends_of, number_within
 
 __all__ = ["Footprints", "Regions"]
@@ -112,12 +112,6 @@ class Regions:
         """The region of each contour."""
         return np.repeat(np.arange(len(self)), np.diff(self.first))
 
-    def hold(self, chosen: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell whether regions, chosen among these, hold a point each, shape (chosen, 2)."""
-        is_held = np.empty(len(chosen), dtype=bool)
-        hold(*self.arrays, chosen, points, is_held)
-        return is_held
-
     def cleaned(self, tolerance: float) -> Regions:
         """Leave out vertices that stand out by no more than a tolerance, and what is thinner."""
         return _regions(*simplify(*self.arrays, tolerance))
@@ -207,18 +201,11 @@ class Regions:
         """
         if not footprints or len(self) == 0:
             return self
-        counts = np.array([len(footprint.outlines) for footprint in footprints])
-        outlines = Regions.joined([footprint.outlines for footprint in footprints]).arrays
-        chosen = np.concatenate([footprint.chosen for footprint in footprints])
-        steps = (
-            chosen + np.repeat(np.cumsum(counts) - counts, len(self)),
-            np.concatenate([footprint.scales for footprint in footprints]),
-            np.concatenate([footprint.shifts for footprint in footprints]),
-        )
+        steps = tuple(footprint.arrays for footprint in footprints)
         done = np.zeros(len(self), dtype=np.int64)
         regions = self
         while (done < len(footprints)).any():
-            regions = _regions(*clip(*regions.arrays, *outlines, *steps, done, CLEARANCE))
+            regions = _regions(*clip(*regions.arrays, done, steps, CLEARANCE))
             doubtful = np.flatnonzero(done < len(footprints))
             sections = []
             for plane in doubtful.tolist():
@@ -269,6 +256,25 @@ class Footprints:
     def of(cls, outlines: Regions, chosen: NDArray[np.int64]) -> Footprints:
         """Return outlines where they are, one of them for each plane."""
         return cls(outlines, chosen, np.ones(len(chosen)), np.zeros((len(chosen), 2)))
+
+    @property
+    def arrays(
+        self,
+    ) -> tuple[
+        NDArray[np.float64],
+        NDArray[np.int64],
+        NDArray[np.int64],
+        NDArray[np.int64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+    ]:
+        """The outlines' arrays, and what becomes of these in the planes, contiguous."""
+        return (
+            *self.outlines.arrays,
+            np.ascontiguousarray(self.chosen),
+            np.ascontiguousarray(self.scales),
+            np.ascontiguousarray(self.shifts),
+        )
 
     def section(self, plane: int) -> CrossSection:
         """Return the footprint in a plane as a cross-section of Clipper2."""

@@ -8,7 +8,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from shapely import MultiPolygon, Polygon
 
 from momrec_core import _clipping
@@ -204,17 +204,6 @@ def test_holes_of_no_shell_are_left_out():
     assert_allclose(pieces.areas, [12.0])
 
 
-@RELAXED
-@given(SEEDS)
-def test_points_are_held_where_geos_has_them_inside(seed):
-    rng = np.random.default_rng(seed)
-    regions = [random_region(rng) for _ in range(3)]
-    chosen, points = rng.integers(0, 3, 40), rng.uniform(-120, 620, (40, 2))
-    held = Regions.of_rings(regions).hold(chosen, points)
-    polygons = np.array([polygon_of(rings) for rings in regions])
-    assert_array_equal(held, shapely.contains_xy(polygons[chosen], *points.T))
-
-
 def test_contours_are_turned_until_the_inside_is_on_the_left():
     square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
     hole = np.array([[1.0, 1.0], [1.0, 2.0], [2.0, 2.0], [2.0, 1.0]])
@@ -246,14 +235,20 @@ GOOD = {
     "points": np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
     "rings": np.array([0, 3]),
     "regions": np.array([0, 1]),
+    "done": np.array([0]),
     "outline_points": np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
     "outline_rings": np.array([0, 3]),
     "outline_regions": np.array([0, 1]),
     "chosen": np.array([0]),
     "scales": np.array([1.0]),
     "shifts": np.array([[0.25, 0.25]]),
-    "done": np.array([0]),
 }
+
+
+def clip(arrays):
+    """Clip with what is in `GOOD` or in its place."""
+    ordered = list((GOOD | {"done": np.array([0])} | arrays).values())
+    return _clipping.clip(*ordered[:4], (tuple(ordered[4:]),), CLEARANCE)
 
 
 @pytest.mark.parametrize(
@@ -283,23 +278,27 @@ GOOD = {
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(name, value, error):
-    _clipping.clip(*(GOOD | {"done": np.array([0])}).values(), CLEARANCE)
+    clip({})
     with pytest.raises(error, match=r"^Expected"):
-        _clipping.clip(*(GOOD | {"done": np.array([0])} | {name: value}).values(), CLEARANCE)
+        clip({name: value})
 
 
 def test_a_call_without_all_arguments_is_refused():
-    with pytest.raises(TypeError, match=r"^Expected 10 arrays"):
+    arrays = list(GOOD.values())
+    with pytest.raises(TypeError, match=r"^Expected 6 arguments"):
         _clipping.clip(GOOD["points"])
+    with pytest.raises(TypeError, match=r"^Expected 3 arrays"):
+        _clipping.simplify(GOOD["points"], 0.1)
     with pytest.raises(TypeError):
-        _clipping.clip(*GOOD.values(), "wide")
-    with pytest.raises(ValueError, match=r"^Expected"):
-        _clipping.hold(*list(GOOD.values())[:3], np.array([7]), np.zeros((1, 2)), np.zeros(1, bool))
+        _clipping.clip(*arrays[:4], (tuple(arrays[4:]),), "wide")
+    for footprints in ([tuple(arrays[4:])], (arrays[4:],), (tuple(arrays[4:]), tuple(arrays[5:]))):
+        with pytest.raises(TypeError, match=r"^Expected"):
+            _clipping.clip(*arrays[:4], footprints, CLEARANCE)
     beyond = np.array([0, 2**63 - 1, 3]), np.array([0, 2])
     with pytest.raises(ValueError, match=r"^Expected"):
-        _clipping.hold(
-            GOOD["points"], *beyond, np.zeros(1, int), np.zeros((1, 2)), np.ones(1, bool)
-        )
+        _clipping.measure(GOOD["points"], *beyond, np.zeros(1), np.zeros((1, 4)))
+    with pytest.raises(ValueError, match=r"^Expected"):
+        _clipping.apart(GOOD["points"], GOOD["rings"], GOOD["regions"], np.zeros(1, int))
     with pytest.raises(ValueError, match=r"^Expected"):
         _clipping.simplify(GOOD["points"], np.array([0, 4]), GOOD["regions"], 0.1)
 
