@@ -14,7 +14,7 @@ __all__ = ["Rings", "ends_of", "number_within", "runs"]
 def ends_of(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return where groups that stand one behind the other begin, and where the last ends."""
     ends = np.zeros(len(counts) + 1, dtype=np.int64)
-    np.cumsum(counts, out=ends[1:])
+    counts.cumsum(out=ends[1:])
     return ends
 
 
