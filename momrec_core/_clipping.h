@@ -10,6 +10,7 @@
 #define MOMREC_CLIPPING_H
 
 #include "_arrays.h"
+#include "_lists.h"
 #include "_plane.h"
 
 #include <math.h>
@@ -28,12 +29,6 @@ typedef struct {
     const int64_t *regions; /* (regions + 1,): the first ring of each, and how many there are */
     Py_ssize_t count;       /* regions */
 } Regions;
-
-/* Memory that grows, for items of one size. */
-typedef struct {
-    void *items;
-    size_t count, room, size;
-} List;
 
 typedef struct {
     double low[2], high[2];
@@ -104,27 +99,6 @@ typedef enum { DONE, DOUBTFUL, NO_MEMORY } Outcome;
 
 static inline double lesser(double one, double other) { return one < other ? one : other; }
 static inline double greater(double one, double other) { return one > other ? one : other; }
-
-static inline void *reserved(List *list, size_t count, size_t size)
-{
-    list->size = size;
-    if (count > list->room || list->items == NULL) {
-        const size_t room = count + count / 2 + 16;
-        void *items = realloc(list->items, room * size);
-        if (items == NULL)
-            return NULL;
-        list->items = items;
-        list->room = room;
-    }
-    return list->items;
-}
-
-static inline void *appended(List *list, size_t size)
-{
-    if (reserved(list, list->count + 1, size) == NULL)
-        return NULL;
-    return (char *)list->items + size * list->count++;
-}
 
 static inline int add_point(Room *room, const double *point)
 {
@@ -621,11 +595,6 @@ static inline int are_regions(const Py_buffer *views, Regions *regions)
     regions->count = views[2].shape[0] - 1;
     return are_ends(&views[1], views[0].shape[0], 3)
            && are_ends(&views[2], views[1].shape[0] - 1, 0) && are_moderate(&views[0]);
-}
-
-static inline PyObject *bytes_of(const List *list)
-{
-    return PyBytes_FromStringAndSize(list->items, (Py_ssize_t)(list->count * list->size));
 }
 
 static inline PyObject *reject(void)

@@ -6,6 +6,7 @@
  */
 
 #include "_arrays.h"
+#include "_lists.h"
 
 #include <math.h>
 #include <stdint.h>
@@ -36,11 +37,9 @@ typedef struct {
 } Sight;
 
 typedef struct {
-    Event *events;
+    Event *events; /* of one line of sight */
     size_t events_count;
-    int64_t *rays; /* results, with room for as many as there are events of all lines */
-    double *ends;
-    size_t count, room;
+    List rays, ends; /* results */
 } Room;
 
 static double length_of(const double *vector)
@@ -123,21 +122,13 @@ static void cross_volume(const Work *work, Room *room, const Sight *sight, Py_ss
 
 static int add_part(Room *room, int64_t ray, double low, double high)
 {
-    if (room->count == room->room) {
-        const size_t wider = 2 * room->room + 64;
-        int64_t *rays = realloc(room->rays, wider * sizeof(int64_t));
-        if (rays != NULL)
-            room->rays = rays;
-        double *ends = realloc(room->ends, 2 * wider * sizeof(double));
-        if (ends != NULL)
-            room->ends = ends;
-        if (rays == NULL || ends == NULL)
-            return 0;
-        room->room = wider;
-    }
-    room->rays[room->count] = ray;
-    room->ends[2 * room->count] = low;
-    room->ends[2 * room->count++ + 1] = high;
+    int64_t *owner = appended(&room->rays, sizeof(int64_t));
+    double *ends = appended(&room->ends, 2 * sizeof(double));
+    if (owner == NULL || ends == NULL)
+        return 0;
+    *owner = ray;
+    ends[0] = low;
+    ends[1] = high;
     return 1;
 }
 
@@ -175,11 +166,6 @@ static int bound_all(const Work *work, Room *room)
 }
 
 /* --- from and to Python ------------------------------------------------------------------- */
-
-static PyObject *bytes_of(const void *items, size_t size)
-{
-    return PyBytes_FromStringAndSize(items, (Py_ssize_t)size);
-}
 
 static PyObject *bound(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
@@ -219,11 +205,10 @@ static PyObject *bound(PyObject *module, PyObject *const *arguments, Py_ssize_t 
     else if (!fits)
         PyErr_NoMemory();
     else
-        result = Py_BuildValue("NN", bytes_of(room.rays, room.count * sizeof(int64_t)),
-                               bytes_of(room.ends, 2 * room.count * sizeof(double)));
+        result = Py_BuildValue("NN", bytes_of(&room.rays), bytes_of(&room.ends));
     free(room.events);
-    free(room.rays);
-    free(room.ends);
+    free(room.rays.items);
+    free(room.ends.items);
     release_arrays(views, 7);
     return result;
 }

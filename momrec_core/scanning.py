@@ -8,36 +8,37 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from momrec_core._scanning import scan
+from momrec_core.rings import Rings
+
 __all__ = ["outline_edges", "outline_points", "scan_spans"]
 
 
 def scan_spans(
-    starts: NDArray[np.float64], ends: NDArray[np.float64], offsets: NDArray[np.float64]
+    outline: Rings, offsets: NDArray[np.float64], clearance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the segments of scan lines that lie inside an outline, by the even-odd rule.
 
     Parameters
     ----------
-    starts, ends : array, shape (e, 2)
-        The outline's edges: coordinates along and across the scan lines.
+    outline : Rings
+        Its vertices' coordinates along and across the scan lines.
     offsets : array, shape (n,)
         Where the scan lines are, across.
+    clearance : float
+        Segments of a line that are no further apart are taken as one, and those that are no
+        longer are left out.
 
     Returns
     -------
     spans : array, shape (m, 2)
-        Line by line, as intervals of the coordinate along the lines.
+        Line by line, as intervals of the coordinate along the lines, increasing.
     counts : array of int, shape (n,)
         How many each line has.
     """
-    first, last = starts[:, 1], ends[:, 1]
-    lines, edges = np.nonzero((first <= offsets[:, None]) != (last <= offsets[:, None]))
-    start, end = starts[edges], ends[edges]
-    fraction = (offsets[lines] - start[:, 1]) / (end[:, 1] - start[:, 1])
-    positions = start[:, 0] + fraction * (end[:, 0] - start[:, 0])
-    order = np.lexsort([positions, lines])
-    counts = np.bincount(lines, minlength=len(offsets)) // 2
-    return positions[order].reshape(-1, 2), counts
+    points, lines = np.ascontiguousarray(outline.points), np.ascontiguousarray(offsets)
+    spans, counts = scan(points, outline.first, lines, clearance)
+    return np.frombuffer(spans).reshape(-1, 2), np.frombuffer(counts, dtype=np.int64)
 
 
 def outline_edges(

@@ -420,13 +420,12 @@ class _Raster:
     ----------
     across : array, shape (2,)
         The unit vector in the planes that the scan lines run along.
-    starts, ends : array, shape (n, 2)
-        The outline's edges: coordinates along `across` and along the planes' normal.
+    outline : Rings
+        Coordinates along `across` and along the planes' normal.
     """
 
     across: NDArray[np.float64]
-    starts: NDArray[np.float64]
-    ends: NDArray[np.float64]
+    outline: Rings
 
     @classmethod
     def of(cls, view: View, family: PlaneFamily) -> _Raster:
@@ -435,19 +434,12 @@ class _Raster:
         heading = axes[2] / np.linalg.norm(axes[2])
         across = axes[:2] @ (-heading[1], heading[0])
         corners = family.to_planes(camera.position + view.outline.points @ camera.rotation[:, :2].T)
-        starts = np.column_stack([corners[:, :2] @ across, corners[:, 2]])
-        return cls(across, starts, starts[view.outline.following])
+        points = np.column_stack([corners[:, :2] @ across, corners[:, 2]])
+        return cls(across, Rings(points, view.outline.first))
 
     def spans(self, offsets: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the segments of scan lines, as `scan_spans`, those that touch as one."""
-        spans, counts = scan_spans(self.starts, self.ends, offsets)
-        lines, _ = number_within(counts)
-        begins, ends = np.ones((2, len(spans)), dtype=bool)
-        begins[1:] = (spans[1:, 0] - spans[:-1, 1] > CLEARANCE) | (lines[1:] != lines[:-1])
-        ends[:-1] = begins[1:]
-        spans, lines = np.column_stack([spans[begins, 0], spans[ends, 1]]), lines[begins]
-        wide = spans[:, 1] - spans[:, 0] > CLEARANCE
-        return spans[wide], np.bincount(lines[wide], minlength=len(offsets))
+        return scan_spans(self.outline, offsets, CLEARANCE)
 
 
 def clip_levels(
