@@ -306,6 +306,12 @@ static const ArrayKind TAKEN_KINDS[TAKEN_ARRAYS] = {
     {"points", 'd', 2, 0}, {"rings", 'q', 0, 0}, {"regions", 'q', 0, 0}, {"ends", 'q', 0, 1},
 };
 
+enum { CHOSEN_REGIONS = REGION_ARRAYS, CHOSEN_ARRAYS };
+
+static const ArrayKind CHOSEN_KINDS[CHOSEN_ARRAYS] = {
+    {"points", 'd', 2, 0}, {"rings", 'q', 0, 0}, {"regions", 'q', 0, 0}, {"chosen", 'q', 0, 0},
+};
+
 /* Take over the arrays of a step; return whether they agree. */
 static int is_step(const Py_buffer *views, Py_ssize_t planes, Step *step)
 {
@@ -424,6 +430,63 @@ static PyObject *simplify(PyObject *module, PyObject *const *arguments, Py_ssize
     return result;
 }
 
+/* Add a region as it is; `rings` and `last` tell where its first and last rings begin and end. */
+static int add_region(Room *room, const double *points, const int64_t *rings, const int64_t *last)
+{
+    const size_t begin = room->points.count, count = (size_t)(*last - *rings);
+    double *copied = reserved(&room->points, begin + count, 2 * sizeof(double));
+    if (copied == NULL)
+        return 0;
+    memcpy(copied + 2 * begin, points + 2 * *rings, 2 * count * sizeof(double));
+    room->points.count += count;
+    for (const int64_t *ring = rings; ring < last; ring++)
+        if (!add_end(&room->rings, begin + (size_t)(ring[1] - *rings)))
+            return 0;
+    return add_end(&room->regions, room->rings.count - 1);
+}
+
+static int add_chosen(const Regions *from, const int64_t *chosen, Py_ssize_t count, Room *room)
+{
+    int fits = add_end(&room->rings, 0) && add_end(&room->regions, 0);
+    for (Py_ssize_t place = 0; fits && place < count; place++) {
+        const int64_t *ends = from->regions + chosen[place];
+        fits = add_region(room, from->points, from->rings + ends[0], from->rings + ends[1]);
+    }
+    return fits;
+}
+
+/* Tell whether all numbers are of one of so many. */
+static int are_numbers(const Py_buffer *numbers, int64_t count)
+{
+    const int64_t *values = numbers->buf;
+    for (Py_ssize_t place = 0; place < numbers->shape[0]; place++)
+        if (values[place] < 0 || values[place] >= count)
+            return 0;
+    return 1;
+}
+
+static PyObject *take(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
+{
+    (void)module;
+    Py_buffer views[CHOSEN_ARRAYS];
+    Regions regions;
+    if (!get_arrays(arguments, count, CHOSEN_KINDS, CHOSEN_ARRAYS, views))
+        return NULL;
+    PyObject *result;
+    if (are_regions(views, &regions) && are_numbers(&views[CHOSEN_REGIONS], regions.count)) {
+        Room room = {0};
+        int fits;
+        Py_BEGIN_ALLOW_THREADS
+        fits = add_chosen(&regions, views[CHOSEN_REGIONS].buf, views[CHOSEN_REGIONS].shape[0], &room);
+        Py_END_ALLOW_THREADS
+        result = result_of(&room, fits);
+    } else {
+        result = reject();
+    }
+    release_arrays(views, CHOSEN_ARRAYS);
+    return result;
+}
+
 static PyObject *apart(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -451,6 +514,7 @@ static PyObject *apart(PyObject *module, PyObject *const *arguments, Py_ssize_t 
 static PyMethodDef METHODS[] = {
     {"clip", (PyCFunction)(void (*)(void))clip, METH_FASTCALL,
      "Clip the region of each plane with outlines, scaled and shifted, one after the other."},
+    {"take", (PyCFunction)(void (*)(void))take, METH_FASTCALL, "Return some of the regions."},
     {"apart", (PyCFunction)(void (*)(void))apart, METH_FASTCALL,
      "Take regions apart into connected pieces, and tell where each region's begin."},
     {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL,

@@ -43,3 +43,10 @@ def simplify(
     tolerance: float,
     /,
 ) -> tuple[bytes, bytes, bytes]: ...
+def take(
+    points: NDArray[np.float64],
+    rings: NDArray[np.int64],
+    regions: NDArray[np.int64],
+    chosen: NDArray[np.int64],
+    /,
+) -> tuple[bytes, bytes, bytes]: ...

@@ -28,6 +28,7 @@ from momrec_core.layers import (
     without_needless,
 )
 from momrec_core.regions import Regions
+from momrec_core.rings import counts_of
 from momrec_core.slicing import (
     Intersection,
     Levels,
@@ -379,7 +380,7 @@ class VisualHull:
         occupied = _occupied(self._sections)
         chosen = occupied[np.linspace(0, len(occupied) - 1, min(most, len(occupied))).astype(int)]
         sections = self._sections.take(chosen)
-        counts = np.diff(sections.rings.first[sections.first])
+        counts = counts_of(sections.rings.first[sections.first])
         heights = np.repeat(family.offsets[chosen], counts)
         return family.to_world(np.column_stack([sections.rings.points, heights]))
 

@@ -15,7 +15,7 @@ from scipy.spatial.distance import cdist
 
 from momrec_core._matching import match
 from momrec_core.regions import CLEARANCE, Footprints, Regions
-from momrec_core.rings import Rings, ends_of
+from momrec_core.rings import Rings, counts_of, ends_of
 
 __all__ = [
     "Layer",
@@ -126,7 +126,7 @@ def _layers_of(
     offsets: Sequence[float] | NDArray[np.float64], pieces: Regions, ends: NDArray[np.int64]
 ) -> list[Layer]:
     """Return layers of pieces that stand one behind the other, and end so."""
-    owners = np.repeat(np.arange(len(offsets)), np.diff(ends))
+    owners = np.repeat(np.arange(len(offsets)), counts_of(ends))
     areas = np.bincount(owners, pieces.areas, len(offsets))
     columns = np.asarray(offsets).tolist(), repeat(pieces), ends[:-1].tolist(), ends[1:].tolist()
     return list(map(Layer, *columns, areas.tolist()))

@@ -13,8 +13,8 @@ from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 from shapely import MultiPolygon
 
-from momrec_core._clipping import apart, clip, measure, simplify
-from momrec_core.rings import Rings, ends_of, number_within
+from momrec_core._clipping import apart, clip, measure, simplify, take
+from momrec_core.rings import Rings, counts_of, ends_of, number_within
 
 __all__ = ["Footprints", "Regions"]
 
@@ -49,7 +49,7 @@ class Regions:
     def facing_left(cls, rings: Rings, first: NDArray[np.int64]) -> Regions:
         """Turn the contours of regions whose shells are wound clockwise."""
         regions = cls(rings, first)
-        is_right = np.repeat(regions.areas < 0, np.diff(first))
+        is_right = np.repeat(regions.areas < 0, counts_of(first))
         if not is_right.any():
             return regions
         numbers, positions = number_within(rings.counts)
@@ -69,7 +69,7 @@ class Regions:
             return parts[0]
         points = np.concatenate([part.rings.points for part in parts])
         counts = np.concatenate([part.rings.counts for part in parts])
-        numbers = np.concatenate([np.diff(part.first) for part in parts])
+        numbers = np.concatenate([counts_of(part.first) for part in parts])
         return cls(Rings(points, ends_of(counts)), ends_of(numbers))
 
     def __len__(self) -> int:
@@ -78,7 +78,7 @@ class Regions:
     @cached_property
     def is_met(self) -> NDArray[np.bool_]:
         """Whether each region has any contour."""
-        return np.diff(self.first) > 0
+        return counts_of(self.first) > 0
 
     @cached_property
     def begins(self) -> list[int]:
@@ -110,7 +110,7 @@ class Regions:
     @cached_property
     def owners(self) -> NDArray[np.int64]:
         """The region of each contour."""
-        return np.repeat(np.arange(len(self)), np.diff(self.first))
+        return np.repeat(np.arange(len(self)), counts_of(self.first))
 
     def cleaned(self, tolerance: float) -> Regions:
         """Leave out vertices that stand out by no more than a tolerance, and what is thinner."""
@@ -153,12 +153,7 @@ class Regions:
         """Return some of the regions, in any order."""
         if len(chosen) == len(self) and (chosen == np.arange(len(self))).all():
             return self
-        counts = np.diff(self.first)[chosen]
-        owners, positions = number_within(counts)
-        contours = self.first[chosen][owners] + positions
-        vertices, _ = self.rings.around(contours)
-        rings = Rings(self.rings.points[vertices], ends_of(self.rings.counts[contours]))
-        return Regions(rings, ends_of(counts))
+        return _regions(*take(*self.arrays, np.ascontiguousarray(chosen)))
 
     def loops(self, region: int) -> list[NDArray[np.float64]]:
         """Return the contours of a region, each shape (n_i, 2)."""

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Rings", "ends_of", "number_within", "runs"]
+__all__ = ["Rings", "counts_of", "ends_of", "number_within", "runs"]
 
 
 def ends_of(counts: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -16,6 +16,11 @@ def ends_of(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     ends = np.zeros(len(counts) + 1, dtype=np.int64)
     counts.cumsum(out=ends[1:])
     return ends
+
+
+def counts_of(ends: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return how many members groups have that stand one behind the other; see `ends_of`."""
+    return ends[1:] - ends[:-1]
 
 
 def number_within(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -61,7 +66,7 @@ class Rings:
     @cached_property
     def counts(self) -> NDArray[np.int64]:
         """Number of vertices of each contour."""
-        return np.diff(self.first)
+        return counts_of(self.first)
 
     @cached_property
     def following(self) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from momrec_core.knots import Knots, cap, join_knots
 from momrec_core.layers import Layer, Slab, pieces_of_layers
 from momrec_core.manifolds import double_shared_edges
 from momrec_core.noding import find_contacts
-from momrec_core.rings import Rings, ends_of, runs
+from momrec_core.rings import Rings, counts_of, ends_of, runs
 from momrec_core.walking import Bands, walk_bands
 
 __all__ = ["tile"]
@@ -119,7 +119,7 @@ class _Contours:
         regions, starts = pieces_of_layers(layers)
         counts = np.array([len(layer) for layer in layers], dtype=np.int64)
         pieces = runs(starts, counts)
-        contours = np.diff(regions.first)[pieces]
+        contours = counts_of(regions.first)[pieces]
         rings = runs(regions.first[pieces], contours)
         vertices = regions.rings.counts[rings]
         of_layers, of_pieces, first = ends_of(counts), ends_of(contours), ends_of(vertices)
@@ -127,7 +127,7 @@ class _Contours:
         chosen = runs(regions.rings.first[rings], vertices)
         points[:, :2] = regions.rings.points.take(chosen, axis=0)
         heights = [layer.offset for layer in layers]
-        points[:, 2] = np.repeat(heights, np.diff(first[of_pieces[of_layers]]))
+        points[:, 2] = np.repeat(heights, counts_of(first[of_pieces[of_layers]]))
         return cls(
             Rings(points, first),
             layers=of_layers,
@@ -187,7 +187,7 @@ class _Contours:
         """Return pieces with the vertices inserted into their contours."""
         contours, owners = pieces.contours()
         vertices, first = self.around(contours)
-        slabs = np.repeat(pieces.slabs[owners], np.diff(first))
+        slabs = np.repeat(pieces.slabs[owners], counts_of(first))
         inserted = np.flatnonzero(vertices >= len(self.corners.points))
         is_own = np.ones(len(vertices), dtype=bool)
         is_own[inserted] = (

@@ -9,7 +9,7 @@ from manifold3d import CrossSection, FillRule
 from numpy.typing import NDArray
 
 from momrec_core._bands import expect, greedy, lay, least
-from momrec_core.rings import Rings
+from momrec_core.rings import Rings, counts_of
 
 __all__ = ["Bands", "walk_bands"]
 
@@ -170,7 +170,7 @@ class Bands:
         triangles : array of int, shape (k + j, 3)
         """
         walks = self.walks
-        count = np.diff(ends[self.rings.first])[walks.pairs[is_chosen]].sum()
+        count = counts_of(ends[self.rings.first])[walks.pairs[is_chosen]].sum()
         triangles = np.empty((count + len(others), 3), dtype=np.int64)
         lay(
             *(self.rings.first, walks.pairs, walks.starts, walks.rises),

@@ -213,6 +213,26 @@ def test_contours_are_turned_until_the_inside_is_on_the_left():
     assert turned.rings.areas.tolist() == [16.0, -1.0, 16.0]
 
 
+@RELAXED
+@given(SEEDS, st.lists(st.integers(0, 4), max_size=12))
+def test_regions_are_chosen_in_any_order_and_as_often_as_wanted(seed, chosen):
+    rng = np.random.default_rng(seed)
+    loops = [random_region(rng) if rng.random() < 0.7 else [] for _ in range(5)]
+    taken = Regions.of_rings(loops).take(np.array(chosen, dtype=np.int64))
+    assert len(taken) == len(chosen)
+    for place, which in enumerate(chosen):
+        found = taken.loops(place)
+        assert len(found) == len(loops[which])
+        assert all(map(np.array_equal, found, loops[which]))
+
+
+@pytest.mark.parametrize("number", [-1, 2, 2**62])
+def test_regions_that_are_not_there_are_refused(number):
+    regions = Regions.of_rings([[star(np.random.default_rng(0), 5)], []])
+    with pytest.raises(ValueError, match="arrays that agree"):
+        regions.take(np.array([1, number]))
+
+
 def test_unions_are_taken_plane_by_plane():
     one, other = shapely.box(0, 0, 2, 2), shapely.box(1, 1, 3, 3)
     rings = [[np.array(shapely.orient_polygons(box).exterior.coords)[:-1]] for box in (one, other)]
