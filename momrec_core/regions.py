@@ -40,10 +40,8 @@ class Regions:
     @classmethod
     def of_rings(cls, loops: Sequence[Sequence[NDArray[np.float64]]]) -> Regions:
         """Join the contours of regions, which have the inside on their left already."""
-        first = np.cumsum([0, *(len(rings) for rings in loops)])
-        flat = [ring for rings in loops for ring in rings]
-        points = np.concatenate([np.empty((0, 2)), *flat])
-        return cls(Rings(points, np.cumsum([0, *(len(ring) for ring in flat)])), first)
+        counts = np.array([len(rings) for rings in loops], dtype=np.int64)
+        return cls(Rings.of_loops([ring for rings in loops for ring in rings]), ends_of(counts))
 
     @classmethod
     def facing_left(cls, rings: Rings, first: NDArray[np.int64]) -> Regions:
@@ -123,10 +121,6 @@ class Regions:
         return Regions(
             Rings(points, rings - rings[0]), self.first[low : high + 1] - self.first[low]
         )
-
-    def merged(self, counts: NDArray[np.int64]) -> Regions:
-        """Return regions of so many of these each, which do not meet."""
-        return Regions(self.rings, self.first[ends_of(counts)])
 
     def apart(self) -> tuple[Regions, NDArray[np.int64]]:
         """Take regions apart into pieces that are connected; holes of no shell are left out.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -63,6 +64,12 @@ class Rings:
     points: NDArray[np.float64]
     first: NDArray[np.int64]
 
+    @classmethod
+    def of_loops(cls, loops: Sequence[NDArray[np.float64]]) -> Rings:
+        """Put contours, each shape (n_i, 2), one behind the other; there may be none."""
+        counts = np.array([len(loop) for loop in loops], dtype=np.int64)
+        return cls(np.concatenate([np.empty((0, 2)), *loops]), ends_of(counts))
+
     @cached_property
     def counts(self) -> NDArray[np.int64]:
         """Number of vertices of each contour."""
@@ -85,11 +92,6 @@ class Rings:
         """Vectors in the plane from each vertex to the one after it, shape (n, 2)."""
         plane = self.points[:, :2]
         return plane[self.following] - plane
-
-    @cached_property
-    def lengths(self) -> NDArray[np.float64]:
-        """Length of each contour."""
-        return self.total(np.sqrt((self.edges**2).sum(axis=1)))
 
     @cached_property
     def areas(self) -> NDArray[np.float64]:

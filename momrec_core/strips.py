@@ -187,8 +187,7 @@ def _outlines(views: Sequence[View], middle: NDArray[np.float64]) -> _Outlines:
 def _thinned(view: View) -> Rings:
     rings = sorted(view.rings, key=len)[-MAX_RINGS:]
     step = -(-sum(len(ring) for ring in rings) // MAX_VERTICES)
-    rings = [ring[:: min(step, len(ring) // 3)] for ring in rings]
-    return Rings(np.concatenate(rings), np.cumsum([0, *(len(ring) for ring in rings)]))
+    return Rings.of_loops([ring[:: min(step, len(ring) // 3)] for ring in rings])
 
 
 def _sampled(

@@ -13,7 +13,7 @@ from shapely import MultiPolygon, Polygon
 
 from momrec_core.camera import Camera
 from momrec_core.errors import InvalidCameraError, InvalidContourError
-from momrec_core.rings import Rings, ends_of
+from momrec_core.rings import Rings
 
 __all__ = ["View", "polygon_rings", "region_from_rings"]
 
@@ -193,8 +193,7 @@ class View:
     @cached_property
     def outline(self) -> Rings:
         """The silhouette's rings, shells counter-clockwise and holes clockwise."""
-        rings = polygon_rings(shapely.orient_polygons(self.silhouette))
-        return Rings(np.concatenate(rings), ends_of(np.array([len(ring) for ring in rings])))
+        return Rings.of_loops(polygon_rings(shapely.orient_polygons(self.silhouette)))
 
     @cached_property
     def visible(self) -> MultiPolygon:
