@@ -4,13 +4,12 @@
  * have edges. Each step is a triangle: a rise over an edge below, or a run over an edge above.
  */
 
-#include "_arrays.h"
+#include "_module.h"
 
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
-#include <string.h>
 
 enum { CANDIDATES = 8 }; /* vertices of a contour that a walk may begin at */
 enum { EXPECTATIONS = 7 }; /* numbers that a pair of contours suggests of its band */
@@ -416,6 +415,9 @@ static void lay_all(const Work *work, const Divisions *divisions, int64_t *trian
 
 /* --- arrays from Python ------------------------------------------------------------------- */
 
+static const char EXPECTED[] =
+    "Expected contours with vertices, pairs of them, and arrays that agree";
+
 static const ArrayKind POINTS = {"points", 'd', 3, 0}, FIRST = {"first", 'q', 0, 0};
 static const ArrayKind PAIRS = {"pairs", 'q', 2, 0}, SHIFTS = {"shifts", 'd', 2, 0};
 
@@ -476,18 +478,6 @@ static int are_divisions(const Work *work, const Divisions *divisions, Py_ssize_
     return triangles == 0;
 }
 
-/* End a call: release the arrays, and return None or raise what was wrong. */
-static PyObject *ended(Py_buffer *views, int count, int is_consistent, int is_done)
-{
-    release_arrays(views, count);
-    if (!is_consistent)
-        return PyErr_Format(PyExc_ValueError,
-                            "Expected contours with vertices, pairs of them, and arrays that agree");
-    if (!is_done)
-        return PyErr_NoMemory();
-    Py_RETURN_NONE;
-}
-
 static PyObject *walk(PyObject *const *arguments, Py_ssize_t count, int is_least)
 {
     const ArrayKind expected[] = {
@@ -507,7 +497,7 @@ static PyObject *walk(PyObject *const *arguments, Py_ssize_t count, int is_least
     Py_BEGIN_ALLOW_THREADS
     is_done = !good || walk_all(&work, is_least);
     Py_END_ALLOW_THREADS
-    return ended(views, 7, good, is_done);
+    return ended(views, 7, good, is_done, EXPECTED);
 }
 
 static PyObject *greedy(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -537,7 +527,7 @@ static PyObject *expect(PyObject *module, PyObject *const *arguments, Py_ssize_t
     if (good)
         expect_all(&work, views[3].buf);
     Py_END_ALLOW_THREADS
-    return ended(views, 4, good, 1);
+    return ended(views, 4, good, 1, EXPECTED);
 }
 
 static PyObject *lay(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -563,10 +553,8 @@ static PyObject *lay(PyObject *module, PyObject *const *arguments, Py_ssize_t co
     if (good)
         lay_all(&work, &divisions, views[7].buf);
     Py_END_ALLOW_THREADS
-    return ended(views, 8, good, 1);
+    return ended(views, 8, good, 1, EXPECTED);
 }
-
-#define METHOD(name, text) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, text}
 
 static PyMethodDef METHODS[] = {
     METHOD(greedy, "Walk by the shorter of the two diagonals."),
@@ -576,11 +564,4 @@ static PyMethodDef METHODS[] = {
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef MODULE = {
-    PyModuleDef_HEAD_INIT, .m_name = "_bands", .m_size = 0, .m_methods = METHODS,
-};
-
-PyMODINIT_FUNC PyInit__bands(void)
-{
-    return PyModuleDef_Init(&MODULE);
-}
+DEFINE_MODULE(_bands)

@@ -1,6 +1,7 @@
 /* Regions of many planes clipped with outlines, simplified, taken apart and measured. */
 
 #include "_clipping.h"
+#include "_module.h"
 
 enum { MOST_LEFT_OUT = 16 }; /* vertices one after the other: so that time stays linear */
 
@@ -512,23 +513,14 @@ static PyObject *apart(PyObject *module, PyObject *const *arguments, Py_ssize_t 
 }
 
 static PyMethodDef METHODS[] = {
-    {"clip", (PyCFunction)(void (*)(void))clip, METH_FASTCALL,
-     "Clip the region of each plane with outlines, scaled and shifted, one after the other."},
-    {"take", (PyCFunction)(void (*)(void))take, METH_FASTCALL, "Return some of the regions."},
-    {"apart", (PyCFunction)(void (*)(void))apart, METH_FASTCALL,
-     "Take regions apart into connected pieces, and tell where each region's begin."},
-    {"measure", (PyCFunction)(void (*)(void))measure, METH_FASTCALL,
-     "Measure regions: areas and boxes."},
-    {"simplify", (PyCFunction)(void (*)(void))simplify, METH_FASTCALL,
-     "Leave out vertices that lie within a tolerance of the edge which that makes."},
+    METHOD(clip,
+           "Clip the region of each plane with outlines, scaled and shifted, one after the other."),
+    METHOD(take, "Return some of the regions."),
+    METHOD(apart, "Take regions apart into connected pieces, and tell where each region's begin."),
+    METHOD(measure, "Measure regions: areas and boxes."),
+    METHOD(simplify,
+           "Leave out vertices that lie within a tolerance of the edge which that makes."),
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef MODULE = {
-    PyModuleDef_HEAD_INIT, .m_name = "_clipping", .m_size = 0, .m_methods = METHODS,
-};
-
-PyMODINIT_FUNC PyInit__clipping(void)
-{
-    return PyModuleDef_Init(&MODULE);
-}
+DEFINE_MODULE(_clipping)

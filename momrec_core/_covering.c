@@ -2,12 +2,12 @@
  * each image, of which array operations would make many passes.
  */
 
-#include "_arrays.h"
+#include "_lists.h"
+#include "_module.h"
 
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
-#include <string.h>
 
 static const double LEAST_DEPTH = 1e-9; /* of the largest: nearer, or behind, counts as far off */
 enum { FEW = 24 }; /* half edges that are sorted by insertion */
@@ -38,11 +38,6 @@ typedef struct {
 typedef struct {
     double image, line, place, way;
 } Crossing;
-
-typedef struct {
-    Crossing *items;
-    size_t count, room;
-} Crossings;
 
 typedef enum { DONE, OPEN, NO_MEMORY } Outcome;
 
@@ -165,28 +160,15 @@ static void look(const Mesh *mesh, const double *planes, const double *projectio
     }
 }
 
-static Crossing *appended(Crossings *crossings)
-{
-    if (crossings->count == crossings->room) {
-        const size_t room = 2 * crossings->room + 1024;
-        Crossing *items = realloc(crossings->items, room * sizeof(Crossing));
-        if (items == NULL)
-            return NULL;
-        crossings->items = items;
-        crossings->room = room;
-    }
-    return crossings->items + crossings->count++;
-}
-
 /* Cross an edge between a front and a back with the scan lines of an image, as its front runs. */
-static Outcome cross(const Edge *edge, const Image *image, int64_t number, Crossings *crossings)
+static Outcome cross(const Edge *edge, const Image *image, int64_t number, List *crossings)
 {
     const int64_t from = image->levels[edge->tail], to = image->levels[edge->head];
     const double place = image->places[edge->tail], row = image->rows[edge->tail];
     const double slope = (image->places[edge->head] - place) / (image->rows[edge->head] - row);
     const double way = (to > from) == image->fronts[edge->first] ? 1.0 : -1.0;
     for (int64_t line = from < to ? from : to; line < (from < to ? to : from); line++) {
-        Crossing *crossing = appended(crossings);
+        Crossing *crossing = appended(crossings, sizeof(Crossing));
         if (crossing == NULL)
             return NO_MEMORY;
         *crossing = (Crossing){(double)number, (double)line, place + ((double)line - row) * slope,
@@ -196,7 +178,7 @@ static Outcome cross(const Edge *edge, const Image *image, int64_t number, Cross
 }
 
 static Outcome cross_all(const Mesh *mesh, const double *projections, const double *eyes,
-                         int64_t images, int64_t lines, Crossings *crossings)
+                         int64_t images, int64_t lines, List *crossings)
 {
     const size_t vertices = (size_t)mesh->vertex_count, faces = (size_t)mesh->face_count;
     const int64_t edge_count = 3 * mesh->face_count / 2;
@@ -252,7 +234,7 @@ static PyObject *rims(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     const Mesh mesh = {views[VERTICES].buf, views[FACES].buf, views[VERTICES].shape[0],
                        views[FACES].shape[0]};
     const int64_t images = views[PROJECTIONS].shape[0];
-    Crossings crossings = {0};
+    List crossings = {0};
     Outcome outcome = OPEN;
     if (is_mesh(&mesh) && views[EYES].shape[0] == images) {
         Py_BEGIN_ALLOW_THREADS
@@ -263,8 +245,7 @@ static PyObject *rims(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     release_arrays(views, ARRAYS);
     PyObject *result = NULL;
     if (outcome == DONE)
-        result = PyBytes_FromStringAndSize((const char *)crossings.items,
-                                           (Py_ssize_t)(crossings.count * sizeof(Crossing)));
+        result = bytes_of(&crossings);
     else if (outcome == NO_MEMORY)
         PyErr_NoMemory();
     else
@@ -274,16 +255,8 @@ static PyObject *rims(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 }
 
 static PyMethodDef METHODS[] = {
-    {"rims", (PyCFunction)(void (*)(void))rims, METH_FASTCALL,
-     "Return where the edges that bound a mesh's projections cross scan lines."},
+    METHOD(rims, "Return where the edges that bound a mesh's projections cross scan lines."),
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef MODULE = {
-    PyModuleDef_HEAD_INIT, .m_name = "_covering", .m_size = 0, .m_methods = METHODS,
-};
-
-PyMODINIT_FUNC PyInit__covering(void)
-{
-    return PyModuleDef_Init(&MODULE);
-}
+DEFINE_MODULE(_covering)

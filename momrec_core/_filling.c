@@ -6,7 +6,7 @@
  * where that does not come out is reported instead, for a library that also knows what to do there.
  */
 
-#include "_arrays.h"
+#include "_module.h"
 
 #include <math.h>
 #include <stdint.h>
@@ -458,26 +458,14 @@ static PyObject *fill(PyObject *module, PyObject *const *arguments, Py_ssize_t c
         free_room(&room);
         Py_END_ALLOW_THREADS
     }
-    release_arrays(views, ARRAYS);
-    if (!good)
-        return PyErr_Format(PyExc_ValueError, "Expected contours with vertices, one behind the "
-                                              "other, regions of them, and arrays that agree");
-    if (!fits)
-        return PyErr_NoMemory();
-    Py_RETURN_NONE;
+    return ended(views, ARRAYS, good, fits,
+                 "Expected contours with vertices, one behind the other, regions of them, and "
+                 "arrays that agree");
 }
 
 static PyMethodDef METHODS[] = {
-    {"fill", (PyCFunction)(void (*)(void))fill, METH_FASTCALL,
-     "Cut the regions between contours into triangles."},
+    METHOD(fill, "Cut the regions between contours into triangles."),
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef MODULE = {
-    PyModuleDef_HEAD_INIT, .m_name = "_filling", .m_size = 0, .m_methods = METHODS,
-};
-
-PyMODINIT_FUNC PyInit__filling(void)
-{
-    return PyModuleDef_Init(&MODULE);
-}
+DEFINE_MODULE(_filling)

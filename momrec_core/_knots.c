@@ -6,7 +6,7 @@
  * The docstring of knots.py tells why.
  */
 
-#include "_arrays.h"
+#include "_module.h"
 #include "_plane.h"
 
 #include <math.h>
@@ -562,16 +562,8 @@ static PyObject *outline(PyObject *module, PyObject *const *arguments, Py_ssize_
 }
 
 static PyMethodDef METHODS[] = {
-    {"outline", (PyCFunction)(void (*)(void))outline, METH_FASTCALL,
-     "Find the walls of knots, and the outlines of what faces down and up in them."},
+    METHOD(outline, "Find the walls of knots, and the outlines of what faces down and up in them."),
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef MODULE = {
-    PyModuleDef_HEAD_INIT, .m_name = "_knots", .m_size = 0, .m_methods = METHODS,
-};
-
-PyMODINIT_FUNC PyInit__knots(void)
-{
-    return PyModuleDef_Init(&MODULE);
-}
+DEFINE_MODULE(_knots)

@@ -5,6 +5,7 @@
  */
 
 #include "_clipping.h"
+#include "_module.h"
 
 /* Columns of the results.
  * A pair: slab, piece below and above, contours of each, number of each one's first in its layer.
@@ -448,16 +449,9 @@ static PyObject *match(PyObject *module, PyObject *const *arguments, Py_ssize_t 
 }
 
 static PyMethodDef METHODS[] = {
-    {"match", (PyCFunction)(void (*)(void))match, METH_FASTCALL,
-     "Pair the pieces of adjacent layers that overlap nothing else, and group the others."},
+    METHOD(match,
+           "Pair the pieces of adjacent layers that overlap nothing else, and group the others."),
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef MODULE = {
-    PyModuleDef_HEAD_INIT, .m_name = "_matching", .m_size = 0, .m_methods = METHODS,
-};
-
-PyMODINIT_FUNC PyInit__matching(void)
-{
-    return PyModuleDef_Init(&MODULE);
-}
+DEFINE_MODULE(_matching)

@@ -1,16 +1,12 @@
-/* Where contours of two layers meet, and where triangles crowd around an edge: the loops of
- * noding.py and manifolds.py that no array operation expresses.
- */
+/* Where contours of two layers meet: the loops of noding.py that no array operation expresses. */
 
-#include "_arrays.h"
+#include "_lists.h"
+#include "_module.h"
 
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
-#include <string.h>
-
-/* --- contacts of edges -------------------------------------------------------------------- */
 
 /* An edge of a closed ring; its box is larger by as much as touching edges may be apart. */
 typedef struct {
@@ -48,8 +44,7 @@ typedef enum { DONE, NO_NUMBERS, NO_MEMORY } Outcome;
 typedef struct {
     double touch; /* vertices that are this near to each other or to an edge count as on it */
     int axis;     /* that the edges are sorted along */
-    Contact *items;
-    size_t count, room;
+    List contacts;
 } Contacts;
 
 static Edge edge_of(int64_t group, int64_t number, const double *start, const double *end,
@@ -125,15 +120,9 @@ static int are_opposite(double one, double other, double touch)
 static int add_contact(Contacts *found, const Edge *below, const Edge *above, double below_at,
                        double above_at)
 {
-    if (found->count == found->room) {
-        const size_t room = 2 * found->room + 64;
-        Contact *items = realloc(found->items, room * sizeof(Contact));
-        if (items == NULL)
-            return 0;
-        found->items = items;
-        found->room = room;
-    }
-    Contact *contact = found->items + found->count++;
+    Contact *contact = appended(&found->contacts, sizeof(Contact));
+    if (contact == NULL)
+        return 0;
     *contact = (Contact){
         below->group, {below->number, above->number}, {below_at, above_at}, {0.0, 0.0}};
     for (int axis = 0; axis < 2; axis++)
@@ -236,118 +225,11 @@ static Outcome find_contacts(const Contours *contours, Contacts *found)
     return outcome;
 }
 
-/* --- crowded edges ------------------------------------------------------------------------ */
-
-/* A side of a triangle, from the lesser of its vertices. */
-typedef struct {
-    int64_t to, triangle;
-} Spoke;
-
-/* Triangles, some of which may share edges with more than one other. */
-typedef struct {
-    const int64_t *corners; /* (count, 3) */
-    Py_ssize_t count, sound, vertices;
-    uint8_t *is_crowded; /* (count,), out: whether a triangle has such an edge */
-    uint8_t *is_met;     /* (vertices,): whether any but the sound triangles use a vertex */
-    int64_t *ends;       /* (vertices + 1,) */
-    int64_t *uses;       /* (vertices,) */
-} Triangles;
-
-/* Count the sides that any but sound triangles may share by their lesser vertices, or enter them
- * with these; return how many there are.
- */
-static int64_t enter_sides(const Triangles *all, Spoke *spokes)
-{
-    const int64_t *corner = all->corners;
-    const uint8_t *const is_met = all->is_met;
-    int64_t *const ends = all->ends;
-    int64_t sides = 0;
-    for (Py_ssize_t triangle = 0; triangle < all->count; triangle++, corner += 3) {
-        for (int side = 0; side < 3; side++) {
-            const int64_t head = corner[side], tail = corner[side < 2 ? side + 1 : 0];
-            const int64_t from = head < tail ? head : tail;
-            if (!is_met[head] || !is_met[tail])
-                continue;
-            sides++;
-            if (spokes != NULL)
-                spokes[ends[from]++] = (Spoke){head + tail - from, triangle};
-            else
-                ends[from + 1]++;
-        }
-    }
-    return sides;
-}
-
-/* Mark the triangles around edges that more than two share. */
-static int mark_crowded(const Triangles *all)
-{
-    const int64_t *const restrict corners = all->corners;
-    int64_t *const restrict uses = all->uses;
-    for (int64_t corner = 3 * all->sound; corner < 3 * all->count; corner++)
-        all->is_met[corners[corner]] = 1;
-    Spoke *spokes = malloc((size_t)enter_sides(all, NULL) * sizeof(Spoke) + 1);
-    if (spokes == NULL)
-        return 0;
-    for (Py_ssize_t vertex = 0; vertex < all->vertices; vertex++)
-        all->ends[vertex + 1] += all->ends[vertex];
-    enter_sides(all, spokes);
-    const Spoke *begin = spokes;
-    for (Py_ssize_t vertex = 0; vertex < all->vertices; vertex++) {
-        const Spoke *const end = spokes + all->ends[vertex];
-        for (const Spoke *spoke = begin; spoke < end; spoke++)
-            uses[spoke->to]++;
-        for (const Spoke *spoke = begin; spoke < end; spoke++)
-            all->is_crowded[spoke->triangle] |= uses[spoke->to] > 2;
-        for (; begin < end; begin++)
-            uses[begin->to] = 0;
-    }
-    free(spokes);
-    return 1;
-}
-
-static int find_crowded(Triangles *all)
-{
-    memset(all->is_crowded, 0, (size_t)all->count);
-    all->is_met = calloc((size_t)all->vertices + 1, 1);
-    all->ends = calloc((size_t)all->vertices + 1, sizeof(int64_t));
-    all->uses = calloc((size_t)all->vertices + 1, sizeof(int64_t));
-    const int fits = all->is_met != NULL && all->ends != NULL && all->uses != NULL
-                     && mark_crowded(all);
-    free(all->is_met);
-    free(all->ends);
-    free(all->uses);
-    return fits;
-}
-
-/* Take some triangles, their vertices numbered anew, without those that none of them uses. */
-static int take_triangles(const Triangles *all, const int64_t *restrict rows, Py_ssize_t count,
-                          uint8_t *restrict is_used, int64_t *restrict taken)
-{
-    const int64_t *const restrict corners = all->corners;
-    int64_t *const restrict numbers = malloc((size_t)all->vertices * sizeof(int64_t) + 1);
-    if (numbers == NULL)
-        return 0;
-    memset(is_used, 0, (size_t)all->vertices);
-    for (Py_ssize_t row = 0; row < count; row++)
-        for (int corner = 0; corner < 3; corner++)
-            is_used[corners[3 * rows[row] + corner]] = 1;
-    int64_t number = 0;
-    for (Py_ssize_t vertex = 0; vertex < all->vertices; vertex++) {
-        numbers[vertex] = number;
-        number += is_used[vertex];
-    }
-    for (Py_ssize_t row = 0; row < count; row++)
-        for (int corner = 0; corner < 3; corner++)
-            taken[3 * row + corner] = numbers[corners[3 * rows[row] + corner]];
-    free(numbers);
-    return 1;
-}
-
 /* --- Python ------------------------------------------------------------------------------- */
 
-enum { POINTS, FIRST, CHOSEN, GROUPS, IS_ABOVE, CONTOUR_ARRAYS };
+enum { POINTS, FIRST, CHOSEN, GROUPS, IS_ABOVE, ARRAYS };
 
-static const ArrayKind CONTOUR_KINDS[CONTOUR_ARRAYS] = {
+static const ArrayKind KINDS[ARRAYS] = {
     {"points", 'd', 3, 0}, {"first", 'q', 0, 0}, {"chosen", 'q', 0, 0},
     {"groups", 'q', 0, 0}, {"is_above", '?', 0, 0},
 };
@@ -372,18 +254,17 @@ static PyObject *result_of(const Contacts *found, Outcome outcome)
                             "a layer of each that is chosen");
     if (outcome == NO_MEMORY)
         return PyErr_NoMemory();
-    return PyBytes_FromStringAndSize((const char *)found->items,
-                                     (Py_ssize_t)(found->count * sizeof(Contact)));
+    return bytes_of(&found->contacts);
 }
 
 static PyObject *contacts(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    Py_buffer views[CONTOUR_ARRAYS];
+    Py_buffer views[ARRAYS];
     const double touch =
-        count == CONTOUR_ARRAYS + 1 ? PyFloat_AsDouble(arguments[CONTOUR_ARRAYS]) : 0.0;
+        count == ARRAYS + 1 ? PyFloat_AsDouble(arguments[ARRAYS]) : 0.0;
     if (PyErr_Occurred()
-        || !get_arrays(arguments, count - 1, CONTOUR_KINDS, CONTOUR_ARRAYS, views))
+        || !get_arrays(arguments, count - 1, KINDS, ARRAYS, views))
         return NULL;
     const Contours contours = {views[POINTS].buf, views[FIRST].buf,    views[CHOSEN].buf,
                                views[GROUPS].buf, views[IS_ABOVE].buf, views[CHOSEN].shape[0]};
@@ -394,100 +275,16 @@ static PyObject *contacts(PyObject *module, PyObject *const *arguments, Py_ssize
         outcome = find_contacts(&contours, &found);
         Py_END_ALLOW_THREADS
     }
-    release_arrays(views, CONTOUR_ARRAYS);
+    release_arrays(views, ARRAYS);
     PyObject *result = result_of(&found, outcome);
-    free(found.items);
+    free(found.contacts.items);
     return result;
 }
 
-enum { CORNERS, IS_CROWDED, TRIANGLE_ARRAYS };
-
-static const ArrayKind TRIANGLE_KINDS[TRIANGLE_ARRAYS] = {
-    {"triangles", 'q', 3, 0}, {"is_crowded", '?', 0, 1},
-};
-
-static int are_triangles(const Triangles *all)
-{
-    int fit = all->sound >= 0 && all->sound <= all->count;
-    for (int64_t corner = 0; corner < 3 * all->count; corner++)
-        fit &= all->corners[corner] >= 0 && all->corners[corner] < all->vertices;
-    return fit;
-}
-
-/* End a call: release the arrays, and return None or raise what was wrong. */
-static PyObject *ended(Py_buffer *views, int count, int is_consistent, int fits)
-{
-    release_arrays(views, count);
-    if (!is_consistent)
-        return PyErr_Format(PyExc_ValueError,
-                            "Expected triangles of so many vertices, and arrays that agree");
-    if (!fits)
-        return PyErr_NoMemory();
-    Py_RETURN_NONE;
-}
-
-static PyObject *crowded(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
-{
-    (void)module;
-    Py_buffer views[TRIANGLE_ARRAYS];
-    Triangles all = {0};
-    if (count == TRIANGLE_ARRAYS + 2) {
-        all.sound = PyLong_AsSsize_t(arguments[TRIANGLE_ARRAYS]);
-        all.vertices = PyErr_Occurred() ? 0 : PyLong_AsSsize_t(arguments[TRIANGLE_ARRAYS + 1]);
-    }
-    if (PyErr_Occurred() || !get_arrays(arguments, count - 2, TRIANGLE_KINDS, TRIANGLE_ARRAYS, views))
-        return NULL;
-    all.corners = views[CORNERS].buf;
-    all.count = views[CORNERS].shape[0];
-    all.is_crowded = views[IS_CROWDED].buf;
-    const int good = views[IS_CROWDED].shape[0] == all.count && are_triangles(&all);
-    int fits = 1;
-    Py_BEGIN_ALLOW_THREADS
-    fits = !good || find_crowded(&all);
-    Py_END_ALLOW_THREADS
-    return ended(views, TRIANGLE_ARRAYS, good, fits);
-}
-
-enum { ROWS = TRIANGLE_ARRAYS - 1, IS_USED, TAKEN, TAKEN_ARRAYS };
-
-static const ArrayKind TAKEN_KINDS[TAKEN_ARRAYS] = {
-    {"triangles", 'q', 3, 0}, {"rows", 'q', 0, 0}, {"is_used", '?', 0, 1}, {"taken", 'q', 3, 1},
-};
-
-static PyObject *take(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
-{
-    (void)module;
-    Py_buffer views[TAKEN_ARRAYS];
-    if (!get_arrays(arguments, count, TAKEN_KINDS, TAKEN_ARRAYS, views))
-        return NULL;
-    const Triangles all = {.corners = views[CORNERS].buf, .count = views[CORNERS].shape[0],
-                           .vertices = views[IS_USED].shape[0]};
-    const int64_t *rows = views[ROWS].buf;
-    const Py_ssize_t chosen = views[ROWS].shape[0];
-    int good = are_triangles(&all) && views[TAKEN].shape[0] == chosen, fits = 1;
-    for (Py_ssize_t row = 0; row < chosen; row++)
-        good = good && rows[row] >= 0 && rows[row] < all.count;
-    Py_BEGIN_ALLOW_THREADS
-    fits = !good || take_triangles(&all, rows, chosen, views[IS_USED].buf, views[TAKEN].buf);
-    Py_END_ALLOW_THREADS
-    return ended(views, TAKEN_ARRAYS, good, fits);
-}
-
 static PyMethodDef METHODS[] = {
-    {"contacts", (PyCFunction)(void (*)(void))contacts, METH_FASTCALL,
-     "Return where contours below share vertices with those above, touch, or cross them."},
-    {"crowded", (PyCFunction)(void (*)(void))crowded, METH_FASTCALL,
-     "Tell which triangles have an edge that more than two share."},
-    {"take", (PyCFunction)(void (*)(void))take, METH_FASTCALL,
-     "Take some triangles, their vertices numbered anew, without those that none of them uses."},
+    METHOD(contacts,
+           "Return where contours below share vertices with those above, touch, or cross them."),
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef MODULE = {
-    PyModuleDef_HEAD_INIT, .m_name = "_meeting", .m_size = 0, .m_methods = METHODS,
-};
-
-PyMODINIT_FUNC PyInit__meeting(void)
-{
-    return PyModuleDef_Init(&MODULE);
-}
+DEFINE_MODULE(_meeting)

@@ -1,7 +1,7 @@
 /* Outlines cut into segments by many parallel scan lines, one line after the other. */
 
-#include "_arrays.h"
 #include "_lists.h"
+#include "_module.h"
 
 #include <stdint.h>
 #include <stdlib.h>
@@ -116,16 +116,8 @@ static PyObject *scan(PyObject *module, PyObject *const *arguments, Py_ssize_t c
 }
 
 static PyMethodDef METHODS[] = {
-    {"scan", (PyCFunction)(void (*)(void))scan, METH_FASTCALL,
-     "Return the segments of scan lines that lie inside an outline."},
+    METHOD(scan, "Return the segments of scan lines that lie inside an outline."),
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef MODULE = {
-    PyModuleDef_HEAD_INIT, .m_name = "_scanning", .m_size = 0, .m_methods = METHODS,
-};
-
-PyMODINIT_FUNC PyInit__scanning(void)
-{
-    return PyModuleDef_Init(&MODULE);
-}
+DEFINE_MODULE(_scanning)

@@ -5,8 +5,8 @@
  * Image-based visual hulls, 2000).
  */
 
-#include "_arrays.h"
 #include "_lists.h"
+#include "_module.h"
 
 #include <math.h>
 #include <stdint.h>
@@ -214,16 +214,9 @@ static PyObject *bound(PyObject *module, PyObject *const *arguments, Py_ssize_t 
 }
 
 static PyMethodDef METHODS[] = {
-    {"bound", (PyCFunction)(void (*)(void))bound, METH_FASTCALL,
-     "Return the parts of lines of sight that are in just enough of the other volumes."},
+    METHOD(bound,
+           "Return the parts of lines of sight that are in just enough of the other volumes."),
     {NULL, NULL, 0, NULL},
 };
 
-static struct PyModuleDef MODULE = {
-    PyModuleDef_HEAD_INIT, .m_name = "_strips", .m_size = 0, .m_methods = METHODS,
-};
-
-PyMODINIT_FUNC PyInit__strips(void)
-{
-    return PyModuleDef_Init(&MODULE);
-}
+DEFINE_MODULE(_strips)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from momrec_core._meeting import crowded, take
+from momrec_core._manifolds import crowded, take
 
 __all__ = ["double_shared_edges"]
 
