@@ -138,8 +138,9 @@ class Regions:
     def polygons(self, unit: float) -> list[MultiPolygon]:
         """Return the regions in other units, ``unit`` of which are one of these."""
         pieces, ends = self.apart()
-        _, vertex_rings = pieces.rings.around(np.arange(len(pieces.rings.counts)))
-        loops = shapely.linearrings(unit * pieces.rings.points, indices=vertex_rings)
+        rings = pieces.rings
+        owners = np.repeat(np.arange(len(rings.counts)), rings.counts)
+        loops = shapely.linearrings(unit * rings.points, indices=owners)
         polygons = shapely.polygons(loops, indices=pieces.owners)
         return [MultiPolygon(list(polygons[low:high])) for low, high in pairwise(ends.tolist())]
 
@@ -238,13 +239,9 @@ class Footprints:
 
     @classmethod
     def as_they_are(cls, outlines: Regions) -> Footprints:
-        """Return one outline for each plane."""
-        return cls.of(outlines, np.arange(len(outlines)))
-
-    @classmethod
-    def of(cls, outlines: Regions, chosen: NDArray[np.int64]) -> Footprints:
-        """Return outlines where they are, one of them for each plane."""
-        return cls(outlines, chosen, np.ones(len(chosen)), np.zeros((len(chosen), 2)))
+        """Return one outline for each plane, where it is."""
+        count = len(outlines)
+        return cls(outlines, np.arange(count), np.ones(count), np.zeros((count, 2)))
 
     @property
     def arrays(

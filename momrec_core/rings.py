@@ -120,19 +120,3 @@ class Rings:
     def total(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Add up, for each contour, one value per vertex."""
         return np.asarray(np.add.reduceat(values, self.first[:-1], axis=0))
-
-    def around(self, rings: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the vertices around several contours, and for each the place of its contour.
-
-        Parameters
-        ----------
-        rings : array of int, shape (k,)
-            Contours, in any order, repeated or not.
-
-        Returns
-        -------
-        vertices, places : array of int
-            ``rings[places[i]]`` is the contour of vertex i.
-        """
-        counts = self.counts[rings]
-        return runs(self.first[rings], counts), np.repeat(np.arange(len(rings)), counts)

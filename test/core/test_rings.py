@@ -45,21 +45,6 @@ def test_each_contour_closes_on_itself():
     assert np.allclose(rings.total(rings.edges), 0)
 
 
-@given(seeds)
-@settings(max_examples=50, deadline=None)
-def test_vertices_around_contours_come_in_the_order_asked_for(seed):
-    rng = np.random.default_rng(seed)
-    loops = random_loops(rng)
-    chosen = rng.integers(0, len(loops), rng.integers(1, 12))
-    vertices, places = rings_of(loops).around(chosen)
-    assert np.array_equal(
-        rings_of(loops).points[vertices], np.concatenate([loops[ring] for ring in chosen])
-    )
-    assert np.array_equal(
-        places, np.repeat(np.arange(len(chosen)), [len(loops[k]) for k in chosen])
-    )
-
-
 @pytest.mark.parametrize("counts", [[3, 0, 2], [0], []])
 def test_members_are_numbered_within_their_groups(counts):
     groups, positions = number_within(np.array(counts, dtype=np.int64))
