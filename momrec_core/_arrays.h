@@ -84,6 +84,15 @@ static inline Py_buffer *get_tables(PyObject *tables, const ArrayKind *kinds, in
     return views;
 }
 
+/* Tell whether numbers are not negative and below an end. */
+static inline int are_within(const int64_t *numbers, Py_ssize_t count, int64_t end)
+{
+    int within = 1;
+    for (Py_ssize_t place = 0; place < count; place++)
+        within &= (numbers[place] >= 0) & (numbers[place] < end);
+    return within;
+}
+
 /* Tell whether numbers increase from 0 to a last one, each by so much at the least. */
 static inline int are_ends(const Py_buffer *ends, int64_t last, int64_t least)
 {

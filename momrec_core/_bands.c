@@ -422,21 +422,15 @@ static const ArrayKind POINTS = {"points", 'd', 3, 0}, FIRST = {"first", 'q', 0,
 static const ArrayKind PAIRS = {"pairs", 'q', 2, 0}, SHIFTS = {"shifts", 'd', 2, 0};
 
 /* Tell whether contours, pairs of them and so many vertices and steps agree. */
-static int are_consistent(const Work *work, Py_ssize_t rings, Py_ssize_t vertices,
+static int are_consistent(const Work *work, const Py_buffer *first, Py_ssize_t vertices,
                           Py_ssize_t all_steps)
 {
-    if (rings < 0 || work->first[0] < 0 || work->first[rings] > vertices)
+    if (!are_ends(first, vertices, 1)
+        || !are_within(work->pairs, 2 * work->bands, first->shape[0] - 1))
         return 0;
-    for (Py_ssize_t ring = 0; ring < rings; ring++)
-        if (work->first[ring] >= work->first[ring + 1])
-            return 0;
     int64_t steps = 0;
-    for (Py_ssize_t place = 0; place < 2 * work->bands; place++) {
-        const int64_t ring = work->pairs[place];
-        if (ring < 0 || ring >= rings)
-            return 0;
-        steps += count_of(work, ring);
-    }
+    for (Py_ssize_t place = 0; place < 2 * work->bands; place++)
+        steps += count_of(work, work->pairs[place]);
     return all_steps < 0 || steps == all_steps;
 }
 
@@ -461,19 +455,15 @@ static int are_walks(const Work *work)
 }
 
 /* Tell whether so many vertices lie around the contours, which make so many triangles. */
-static int are_divisions(const Work *work, const Divisions *divisions, Py_ssize_t own,
+static int are_divisions(const Work *work, const Divisions *divisions, const Py_buffer *ends,
                          Py_ssize_t vertices, Py_ssize_t triangles)
 {
-    const int64_t *ends = divisions->ends;
-    if (own < 0 || ends[0] < 0 || ends[own] > vertices)
+    if (!are_ends(ends, vertices, 0))
         return 0;
-    for (Py_ssize_t vertex = 0; vertex < own; vertex++)
-        if (ends[vertex] > ends[vertex + 1])
-            return 0;
     for (Py_ssize_t place = 0; place < 2 * work->bands; place++) {
         const int64_t *first = work->first + work->pairs[place];
         if (divisions->is_laid[place / 2])
-            triangles -= ends[first[1]] - ends[first[0]];
+            triangles -= divisions->ends[first[1]] - divisions->ends[first[0]];
     }
     return triangles == 0;
 }
@@ -492,8 +482,8 @@ static PyObject *walk(PyObject *const *arguments, Py_ssize_t count, int is_least
                        .measures = views[6].buf, .bands = views[2].shape[0]};
     int good = views[3].shape[0] == work.bands && views[4].shape[0] == work.bands
                && views[6].shape[0] == work.bands, is_done = 1;
-    good = good && are_consistent(&work, views[1].shape[0] - 1, views[0].shape[0],
-                                  views[5].shape[0]) && (!is_least || are_walks(&work));
+    good = good && are_consistent(&work, &views[1], views[0].shape[0], views[5].shape[0])
+           && (!is_least || are_walks(&work));
     Py_BEGIN_ALLOW_THREADS
     is_done = !good || walk_all(&work, is_least);
     Py_END_ALLOW_THREADS
@@ -522,7 +512,7 @@ static PyObject *expect(PyObject *module, PyObject *const *arguments, Py_ssize_t
     const Work work = {.points = views[0].buf, .first = views[1].buf, .pairs = views[2].buf,
                        .bands = views[2].shape[0]};
     const int good = views[3].shape[0] == work.bands
-                     && are_consistent(&work, views[1].shape[0] - 1, views[0].shape[0], -1);
+                     && are_consistent(&work, &views[1], views[0].shape[0], -1);
     Py_BEGIN_ALLOW_THREADS
     if (good)
         expect_all(&work, views[3].buf);
@@ -545,9 +535,9 @@ static PyObject *lay(PyObject *module, PyObject *const *arguments, Py_ssize_t co
     const Divisions divisions = {views[5].buf, views[6].buf, views[4].buf};
     const Py_ssize_t own = views[6].shape[0] - 1;
     const int good = views[2].shape[0] == work.bands && views[4].shape[0] == work.bands
-                     && are_consistent(&work, views[0].shape[0] - 1, own, views[3].shape[0])
+                     && are_consistent(&work, &views[0], own, views[3].shape[0])
                      && are_walks(&work)
-                     && are_divisions(&work, &divisions, own, views[5].shape[0],
+                     && are_divisions(&work, &divisions, &views[6], views[5].shape[0],
                                       views[7].shape[0]);
     Py_BEGIN_ALLOW_THREADS
     if (good)

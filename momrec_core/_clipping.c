@@ -59,7 +59,6 @@ static int take_back(Room *room, Edges *region, size_t points, size_t ends)
 /* Clip the region of one plane, step by step; stop before a step that is doubtful. */
 static int clip_plane(const Work *work, Room *room, Py_ssize_t plane)
 {
-    static const double NOWHERE[2] = {0.0, 0.0};
     const size_t points = room->points.count, ends = room->rings.count;
     Edges region;
     if (!lay_out(&region, room->memory, &work->regions, plane))
@@ -94,12 +93,8 @@ static int clip_plane(const Work *work, Room *room, Py_ssize_t plane)
 
 static void free_outlines(Step *step)
 {
-    for (Py_ssize_t which = 0; step->outlines && which < step->regions.count; which++) {
-        for (int list = 0; list < 3; list++)
-            free(step->outlines[which].memory[list].items);
-        free(step->outlines[which].cells.items);
-        free(step->outlines[which].entries.items);
-    }
+    for (Py_ssize_t which = 0; step->outlines && which < step->regions.count; which++)
+        free_outline(&step->outlines[which]);
     free(step->outlines);
 }
 
@@ -178,6 +173,36 @@ static int simplify_all(const Regions *regions, double tolerance, Room *room)
     return 1;
 }
 
+/* --- choice ------------------------------------------------------------------------------- */
+
+/* Add rings of any regions as they are, from one to another. */
+static int add_rings(Room *room, const Regions *from, int64_t first, int64_t last)
+{
+    const int64_t *ends = from->rings + first;
+    const size_t begin = room->points.count, count = (size_t)(from->rings[last] - *ends);
+    double *copied = reserved(&room->points, begin + count, 2 * sizeof(double));
+    if (copied == NULL)
+        return 0;
+    memcpy(copied + 2 * begin, from->points + 2 * *ends, 2 * count * sizeof(double));
+    room->points.count += count;
+    for (int64_t ring = 0; ring < last - first; ring++)
+        if (!add_end(&room->rings, begin + (size_t)(ends[ring + 1] - *ends)))
+            return 0;
+    return 1;
+}
+
+/* Add some regions as they are. */
+static int add_chosen(const Regions *from, const int64_t *chosen, Py_ssize_t count, Room *room)
+{
+    int fits = add_end(&room->rings, 0) && add_end(&room->regions, 0);
+    for (Py_ssize_t place = 0; fits && place < count; place++) {
+        const int64_t *ends = from->regions + chosen[place];
+        fits = add_rings(room, from, ends[0], ends[1])
+               && add_end(&room->regions, room->rings.count - 1);
+    }
+    return fits;
+}
+
 /* --- pieces ------------------------------------------------------------------------------- */
 
 /* What a ring encloses: a shell where the area is positive, else a hole. */
@@ -220,14 +245,6 @@ static int64_t find_shell(const Regions *regions, const Enclosed *rings, const i
     return best;
 }
 
-static int add_own_ring(Room *room, const Regions *regions, int64_t ring)
-{
-    for (int64_t vertex = regions->rings[ring]; vertex < regions->rings[ring + 1]; vertex++)
-        if (!add_point(room, regions->points + 2 * vertex))
-            return 0;
-    return add_end(&room->rings, room->points.count);
-}
-
 /* Add the pieces of one region: each shell, then its holes; holes of no shell are left out. */
 static int add_pieces(const Regions *regions, Enclosed *rings, const int64_t ends[2], Room *room)
 {
@@ -251,7 +268,7 @@ static int add_pieces(const Regions *regions, Enclosed *rings, const int64_t end
         if (!(rings[shell].area > 0))
             continue;
         for (int64_t ring = shell; ring >= 0; ring = rings[ring].next)
-            if (!add_own_ring(room, regions, ring))
+            if (!add_rings(room, regions, ring, ring + 1))
                 return 0;
         if (!add_end(&room->regions, room->rings.count - 1))
             return 0;
@@ -318,13 +335,13 @@ static int is_step(const Py_buffer *views, Py_ssize_t planes, Step *step)
 {
     int good = are_regions(views, &step->regions) && are_moderate(&views[SCALES])
                && are_moderate(&views[SHIFTS]) && views[CHOSEN].shape[0] == planes
-               && views[SCALES].shape[0] == planes && views[SHIFTS].shape[0] == planes;
+               && views[SCALES].shape[0] == planes && views[SHIFTS].shape[0] == planes
+               && are_within(views[CHOSEN].buf, planes, step->regions.count);
     step->chosen = views[CHOSEN].buf;
     step->scales = views[SCALES].buf;
     step->shifts = views[SHIFTS].buf;
     for (Py_ssize_t plane = 0; good && plane < planes; plane++)
-        good = step->chosen[plane] >= 0 && step->chosen[plane] < step->regions.count
-               && step->scales[plane] >= 1 / MOST;
+        good = step->scales[plane] >= 1 / MOST;
     return good;
 }
 
@@ -431,41 +448,6 @@ static PyObject *simplify(PyObject *module, PyObject *const *arguments, Py_ssize
     return result;
 }
 
-/* Add a region as it is; `rings` and `last` tell where its first and last rings begin and end. */
-static int add_region(Room *room, const double *points, const int64_t *rings, const int64_t *last)
-{
-    const size_t begin = room->points.count, count = (size_t)(*last - *rings);
-    double *copied = reserved(&room->points, begin + count, 2 * sizeof(double));
-    if (copied == NULL)
-        return 0;
-    memcpy(copied + 2 * begin, points + 2 * *rings, 2 * count * sizeof(double));
-    room->points.count += count;
-    for (const int64_t *ring = rings; ring < last; ring++)
-        if (!add_end(&room->rings, begin + (size_t)(ring[1] - *rings)))
-            return 0;
-    return add_end(&room->regions, room->rings.count - 1);
-}
-
-static int add_chosen(const Regions *from, const int64_t *chosen, Py_ssize_t count, Room *room)
-{
-    int fits = add_end(&room->rings, 0) && add_end(&room->regions, 0);
-    for (Py_ssize_t place = 0; fits && place < count; place++) {
-        const int64_t *ends = from->regions + chosen[place];
-        fits = add_region(room, from->points, from->rings + ends[0], from->rings + ends[1]);
-    }
-    return fits;
-}
-
-/* Tell whether all numbers are of one of so many. */
-static int are_numbers(const Py_buffer *numbers, int64_t count)
-{
-    const int64_t *values = numbers->buf;
-    for (Py_ssize_t place = 0; place < numbers->shape[0]; place++)
-        if (values[place] < 0 || values[place] >= count)
-            return 0;
-    return 1;
-}
-
 static PyObject *take(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
@@ -474,11 +456,13 @@ static PyObject *take(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     if (!get_arrays(arguments, count, CHOSEN_KINDS, CHOSEN_ARRAYS, views))
         return NULL;
     PyObject *result;
-    if (are_regions(views, &regions) && are_numbers(&views[CHOSEN_REGIONS], regions.count)) {
+    const int64_t *chosen = views[CHOSEN_REGIONS].buf;
+    const Py_ssize_t chosen_count = views[CHOSEN_REGIONS].shape[0];
+    if (are_regions(views, &regions) && are_within(chosen, chosen_count, regions.count)) {
         Room room = {0};
         int fits;
         Py_BEGIN_ALLOW_THREADS
-        fits = add_chosen(&regions, views[CHOSEN_REGIONS].buf, views[CHOSEN_REGIONS].shape[0], &room);
+        fits = add_chosen(&regions, chosen, chosen_count, &room);
         Py_END_ALLOW_THREADS
         result = result_of(&room, fits);
     } else {

@@ -1,9 +1,10 @@
 /* Regions of many planes intersected with one outline each, where nothing is degenerate.
  *
- * Boundaries that cross away from their vertices are cut at the crossings and joined anew (K. Weiler
- * and P. Atherton, Hidden surface removal using polygon area sorting, 1977). A plane where a vertex
- * comes near the other boundary, where crossings lie upon each other, or where they do not alternate
- * between inward and outward is reported instead, for a library that also knows what to do there.
+ * Boundaries that cross away from their vertices are cut at the crossings and joined anew (K.
+ * Weiler and P. Atherton, Hidden surface removal using polygon area sorting, 1977). A plane where
+ * a vertex comes near the other boundary, where crossings lie upon each other, or where they do
+ * not alternate between inward and outward is reported instead, for a library that also knows
+ * what to do there.
  */
 
 #ifndef MOMREC_CLIPPING_H
@@ -56,6 +57,8 @@ typedef struct {
     int64_t *ends; /* cell i has entries[ends[i]] up to entries[ends[i + 1]] */
     Entry *entries;
 } Grid;
+
+static const double NOWHERE[2] = {0.0, 0.0}; /* the shift of a region that stays where it is */
 
 /* One of two regions in a plane: edges, scaled and shifted. */
 typedef struct {
@@ -240,7 +243,8 @@ static inline Outcome cross_edges(Room *room, const Side *sides, const int64_t e
     if (!is_clear) {
         for (int side = 0; side < 2; side++) {
             const int other = !side;
-            if (is_near(start[other], end[other], start[side], before[side], length[other], tolerance)
+            if (is_near(start[other], end[other], start[side], before[side], length[other],
+                        tolerance)
                 || is_near(start[other], end[other], end[side], after[side], length[other],
                            tolerance))
                 return DOUBTFUL;
@@ -607,9 +611,17 @@ static inline PyObject *reject(void)
 
 static inline void free_room(Room *room)
 {
-    List *const lists = (List *)room;
+    List *const lists = (List *)room; /* it is made of nothing else */
     for (size_t place = 0; place < sizeof(Room) / sizeof(List); place++)
         free(lists[place].items);
+}
+
+static inline void free_outline(Outline *outline)
+{
+    for (int list = 0; list < 3; list++)
+        free(outline->memory[list].items);
+    free(outline->cells.items);
+    free(outline->entries.items);
 }
 
 #endif

@@ -218,10 +218,8 @@ static const ArrayKind KINDS[ARRAYS] = {
 
 static int is_mesh(const Mesh *mesh)
 {
-    for (int64_t corner = 0; corner < 3 * mesh->face_count; corner++)
-        if (mesh->faces[corner] < 0 || mesh->faces[corner] >= mesh->vertex_count)
-            return 0;
-    return mesh->face_count > 0;
+    return mesh->face_count > 0
+           && are_within(mesh->faces, 3 * mesh->face_count, mesh->vertex_count);
 }
 
 static PyObject *rims(PyObject *module, PyObject *const *arguments, Py_ssize_t count)

@@ -425,11 +425,8 @@ static int is_consistent(const Py_buffer *views)
     const Py_ssize_t regions = views[REGIONS].shape[0] - 1;
     if (!are_ends(&views[LOOPS], vertices, 1) || !are_ends(&views[REGIONS], loops, 0))
         return 0;
-    const int64_t *indices = views[VERTICES].buf;
-    for (Py_ssize_t place = 0; place < vertices; place++)
-        if (indices[place] < 0 || indices[place] >= views[POINTS].shape[0])
-            return 0;
-    return views[FACES_UP].shape[0] == regions && views[COUNTS].shape[0] == regions
+    return are_within(views[VERTICES].buf, vertices, views[POINTS].shape[0])
+           && views[FACES_UP].shape[0] == regions && views[COUNTS].shape[0] == regions
            && views[TRIANGLES].shape[0] == vertices + 2 * loops;
 }
 

@@ -431,14 +431,6 @@ static void outline_all(const Work *work, Room *room)
 
 enum { POINTS, VERTICES, IS_OWN, FIRST, PIECES, KNOTS, IS_ABOVE, LINKS, ARRAYS };
 
-static int are_within(const int64_t *numbers, Py_ssize_t count, Py_ssize_t end)
-{
-    for (Py_ssize_t place = 0; place < count; place++)
-        if (numbers[place] < 0 || numbers[place] >= end)
-            return 0;
-    return 1;
-}
-
 /* Tell whether the first vertex of each contour is its own. */
 static int are_cut(const Work *work)
 {
@@ -514,7 +506,7 @@ static void free_room(Room *room)
     free(room->faces_up);
 }
 
-static PyObject *bytes_of(const int64_t *numbers, int64_t count)
+static PyObject *as_bytes(const int64_t *numbers, int64_t count)
 {
     return PyBytes_FromStringAndSize((const char *)numbers,
                                      (Py_ssize_t)(count * (int64_t)sizeof(int64_t)));
@@ -523,10 +515,10 @@ static PyObject *bytes_of(const int64_t *numbers, int64_t count)
 static PyObject *result_of(const Room *room)
 {
     return Py_BuildValue(
-        "NNNNNN", bytes_of(room->triangles, 3 * room->triangle_count),
-        bytes_of(room->outlines, room->outline_count), bytes_of(room->loops, room->loop_count + 1),
-        bytes_of(room->regions, room->region_count + 1),
-        bytes_of(room->failed, room->failed_count),
+        "NNNNNN", as_bytes(room->triangles, 3 * room->triangle_count),
+        as_bytes(room->outlines, room->outline_count), as_bytes(room->loops, room->loop_count + 1),
+        as_bytes(room->regions, room->region_count + 1),
+        as_bytes(room->failed, room->failed_count),
         PyBytes_FromStringAndSize((const char *)room->faces_up, (Py_ssize_t)room->region_count));
 }
 

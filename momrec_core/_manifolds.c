@@ -125,10 +125,8 @@ static const ArrayKind TRIANGLE_KINDS[TRIANGLE_ARRAYS] = {
 
 static int are_triangles(const Triangles *all)
 {
-    int fit = all->sound >= 0 && all->sound <= all->count;
-    for (int64_t corner = 0; corner < 3 * all->count; corner++)
-        fit &= all->corners[corner] >= 0 && all->corners[corner] < all->vertices;
-    return fit;
+    return all->sound >= 0 && all->sound <= all->count
+           && are_within(all->corners, 3 * all->count, all->vertices);
 }
 
 static PyObject *crowded(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
@@ -170,9 +168,9 @@ static PyObject *take(PyObject *module, PyObject *const *arguments, Py_ssize_t c
                            .vertices = views[IS_USED].shape[0]};
     const int64_t *rows = views[ROWS].buf;
     const Py_ssize_t chosen = views[ROWS].shape[0];
-    int good = are_triangles(&all) && views[TAKEN].shape[0] == chosen, fits = 1;
-    for (Py_ssize_t row = 0; row < chosen; row++)
-        good = good && rows[row] >= 0 && rows[row] < all.count;
+    const int good = are_triangles(&all) && views[TAKEN].shape[0] == chosen
+                     && are_within(rows, chosen, all.count);
+    int fits = 1;
     Py_BEGIN_ALLOW_THREADS
     fits = !good || take_triangles(&all, rows, chosen, views[IS_USED].buf, views[TAKEN].buf);
     Py_END_ALLOW_THREADS

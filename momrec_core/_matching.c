@@ -112,7 +112,6 @@ static int lay_outline(Desk *desk, Piece piece)
 static int measure_common(Task *task, Desk *desk, Py_ssize_t slab, const int64_t places[2],
                           double *area)
 {
-    static const double NOWHERE[2] = {0.0, 0.0};
     const Piece low = piece_at(task, slab, 0, places[0]), high = piece_at(task, slab, 1, places[1]);
     Room *room = &desk->clipping;
     room->points.count = room->rings.count = 0;
@@ -333,13 +332,13 @@ static int match_all(Task *task, Desk *desk)
 
 static void clear_desk(Desk *desk)
 {
-    List *const lists[] = {&desk->outline.memory[0], &desk->outline.memory[1],
-                           &desk->outline.memory[2], &desk->outline.cells, &desk->outline.entries,
-                           &desk->overlaps, &desk->nodes, &desk->pairs, &desk->members,
-                           &desk->shares};
     free_room(&desk->clipping);
-    for (size_t place = 0; place < sizeof(lists) / sizeof(*lists); place++)
-        free(lists[place]->items);
+    free_outline(&desk->outline);
+    free(desk->overlaps.items);
+    free(desk->nodes.items);
+    free(desk->pairs.items);
+    free(desk->members.items);
+    free(desk->shares.items);
 }
 
 /* --- Python ------------------------------------------------------------------------------- */

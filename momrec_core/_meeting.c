@@ -236,13 +236,10 @@ static const ArrayKind KINDS[ARRAYS] = {
 
 static int are_contours(const Py_buffer *views, const Contours *contours)
 {
-    int fit = are_ends(&views[FIRST], views[POINTS].shape[0], 1)
-              && views[GROUPS].shape[0] == contours->count
-              && views[IS_ABOVE].shape[0] == contours->count;
-    for (Py_ssize_t place = 0; place < contours->count; place++)
-        fit = fit && contours->chosen[place] >= 0
-              && contours->chosen[place] < views[FIRST].shape[0] - 1;
-    return fit;
+    return are_ends(&views[FIRST], views[POINTS].shape[0], 1)
+           && views[GROUPS].shape[0] == contours->count
+           && views[IS_ABOVE].shape[0] == contours->count
+           && are_within(contours->chosen, contours->count, views[FIRST].shape[0] - 1);
 }
 
 /* Return the contacts' bytes, or raise what was wrong. */
