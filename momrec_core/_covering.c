@@ -10,6 +10,7 @@
 #include <stdlib.h>
 
 static const double LEAST_DEPTH = 1e-9; /* of the largest: nearer, or behind, counts as far off */
+enum { TOGETHER = 8 }; /* images that the edges are gone through for at once, a bit of a byte each */
 enum { FEW = 24 }; /* half edges that are sorted by insertion */
 
 typedef struct {
@@ -28,12 +29,19 @@ typedef struct {
     int64_t tail, head, first, second;
 } Edge;
 
-/* What one image has of a mesh; rows count the scan lines. */
+/* Images that a mesh is seen in together; rows count the scan lines. */
 typedef struct {
-    double *places, *rows; /* of vertices */
-    int64_t *levels;       /* of vertices: the first line at or above, 0 to the number of lines */
-    uint8_t *fronts;       /* of faces: whether they turn towards the camera */
-} Image;
+    const double *projections, *eyes; /* (count, 3, 4) and (count, 4): points or directions */
+    int64_t first, count;             /* the number of the first among all images, and how many */
+    int64_t lines;
+    double least_depths[TOGETHER];
+} Images;
+
+/* Where a vertex is in an image. */
+typedef struct {
+    double place, row;
+    int64_t level; /* the first line at or above, 0 to the number of lines */
+} Seen;
 
 typedef struct {
     double image, line, place, way;
@@ -136,74 +144,100 @@ static double product(const double *row, const double *point)
     return row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3];
 }
 
-/* Look at a mesh by a projection (3, 4) from an eye (4,), which is a point or a direction. */
-static void look(const Mesh *mesh, const double *planes, const double *projection,
-                 const double *eye, int64_t lines, Image *image)
+/* Find how near to each camera a vertex may come. */
+static void find_least_depths(const Mesh *mesh, Images *images)
 {
-    double farthest = 0.0;
-    for (int64_t vertex = 0; vertex < mesh->vertex_count; vertex++) {
-        const double depth = fabs(product(projection + 8, mesh->vertices + 3 * vertex));
-        farthest = depth > farthest ? depth : farthest;
-    }
-    for (int64_t vertex = 0; vertex < mesh->vertex_count; vertex++) {
-        const double *point = mesh->vertices + 3 * vertex;
-        const double depth = fmax(product(projection + 8, point), LEAST_DEPTH * farthest);
-        const double row = product(projection + 4, point) / depth;
-        image->places[vertex] = product(projection, point) / depth;
-        image->rows[vertex] = row;
-        image->levels[vertex] = row > (double)lines ? lines : row > 0.0 ? (int64_t)ceil(row) : 0;
-    }
-    for (int64_t face = 0; face < mesh->face_count; face++) {
-        const double *plane = planes + 4 * face;
-        image->fronts[face] = plane[0] * eye[0] + plane[1] * eye[1] + plane[2] * eye[2]
-                                  + plane[3] * eye[3] > 0.0;
+    for (int64_t image = 0; image < images->count; image++) {
+        const double *row = images->projections + 12 * image + 8;
+        double farthest = 0.0;
+        for (int64_t vertex = 0; vertex < mesh->vertex_count; vertex++) {
+            const double depth = fabs(product(row, mesh->vertices + 3 * vertex));
+            farthest = depth > farthest ? depth : farthest;
+        }
+        images->least_depths[image] = LEAST_DEPTH * farthest;
     }
 }
 
-/* Cross an edge between a front and a back with the scan lines of an image, as its front runs. */
-static Outcome cross(const Edge *edge, const Image *image, int64_t number, List *crossings)
+/* Tell of each face in which of the images it turns towards the camera, a bit for each. */
+static void find_fronts(const Mesh *mesh, const double *planes, const Images *images,
+                        uint8_t *fronts)
 {
-    const int64_t from = image->levels[edge->tail], to = image->levels[edge->head];
-    const double place = image->places[edge->tail], row = image->rows[edge->tail];
-    const double slope = (image->places[edge->head] - place) / (image->rows[edge->head] - row);
-    const double way = (to > from) == image->fronts[edge->first] ? 1.0 : -1.0;
-    for (int64_t line = from < to ? from : to; line < (from < to ? to : from); line++) {
+    for (int64_t face = 0; face < mesh->face_count; face++) {
+        const double *plane = planes + 4 * face, *eye = images->eyes;
+        unsigned bits = 0;
+        for (int64_t image = 0; image < images->count; image++, eye += 4) {
+            const double side = plane[0] * eye[0] + plane[1] * eye[1] + plane[2] * eye[2]
+                                + plane[3] * eye[3];
+            bits |= (unsigned)(side > 0.0) << image;
+        }
+        fronts[face] = (uint8_t)bits;
+    }
+}
+
+static Seen see(const Mesh *mesh, const Images *images, int64_t image, int64_t vertex)
+{
+    const double *projection = images->projections + 12 * image;
+    const double *point = mesh->vertices + 3 * vertex, lines = (double)images->lines;
+    const double depth = fmax(product(projection + 8, point), images->least_depths[image]);
+    const double row = product(projection + 4, point) / depth;
+    const int64_t level = row > lines ? images->lines : row > 0.0 ? (int64_t)ceil(row) : 0;
+    return (Seen){product(projection, point) / depth, row, level};
+}
+
+/* Cross an edge between a front and a back with the scan lines of an image, as its front runs. */
+static Outcome cross(const Mesh *mesh, const Images *images, int64_t image, const Edge *edge,
+                     int is_front, List *crossings)
+{
+    const Seen from = see(mesh, images, image, edge->tail);
+    const Seen to = see(mesh, images, image, edge->head);
+    const int rises = to.level > from.level;
+    const double slope = (to.place - from.place) / (to.row - from.row);
+    for (int64_t line = rises ? from.level : to.level; line < (rises ? to.level : from.level);
+         line++) {
         Crossing *crossing = appended(crossings, sizeof(Crossing));
         if (crossing == NULL)
             return NO_MEMORY;
-        *crossing = (Crossing){(double)number, (double)line, place + ((double)line - row) * slope,
-                               way};
+        *crossing = (Crossing){(double)(images->first + image), (double)line,
+                               from.place + ((double)line - from.row) * slope,
+                               rises == is_front ? 1.0 : -1.0};
+    }
+    return DONE;
+}
+
+/* Cross all edges that are between a front and a back in any of the images. */
+static Outcome cross_rims(const Mesh *mesh, const Images *images, const Edge *edges,
+                          const uint8_t *fronts, List *crossings)
+{
+    for (const Edge *edge = edges; edge < edges + 3 * mesh->face_count / 2; edge++) {
+        const unsigned here = fronts[edge->first], rims = here ^ fronts[edge->second];
+        for (int64_t image = 0; rims >> image; image++)
+            if (rims >> image & 1
+                && cross(mesh, images, image, edge, here >> image & 1, crossings) != DONE)
+                return NO_MEMORY;
     }
     return DONE;
 }
 
 static Outcome cross_all(const Mesh *mesh, const double *projections, const double *eyes,
-                         int64_t images, int64_t lines, List *crossings)
+                         int64_t count, int64_t lines, List *crossings)
 {
-    const size_t vertices = (size_t)mesh->vertex_count, faces = (size_t)mesh->face_count;
-    const int64_t edge_count = 3 * mesh->face_count / 2;
-    Image image = {malloc(vertices * sizeof(double)), malloc(vertices * sizeof(double)),
-                   malloc(vertices * sizeof(int64_t)), malloc(faces)};
+    const size_t faces = (size_t)mesh->face_count;
+    uint8_t *fronts = malloc(faces);
     double *planes = malloc(4 * faces * sizeof(double));
     Edge *edges = malloc(2 * faces * sizeof(Edge));
     Outcome outcome = NO_MEMORY;
-    if (image.places && image.rows && image.levels && image.fronts && planes && edges)
+    if (fronts && planes && edges)
         outcome = mesh->face_count % 2 ? OPEN : pair_sides(mesh, edges);
     if (outcome == DONE)
         find_planes(mesh, planes);
-    for (int64_t number = 0; outcome == DONE && number < images; number++) {
-        look(mesh, planes, projections + 12 * number, eyes + 4 * number, lines, &image);
-        for (int64_t place = 0; outcome == DONE && place < edge_count; place++) {
-            const Edge *edge = edges + place;
-            if (image.fronts[edge->first] != image.fronts[edge->second]
-                && image.levels[edge->tail] != image.levels[edge->head])
-                outcome = cross(edge, &image, number, crossings);
-        }
+    for (int64_t first = 0; outcome == DONE && first < count; first += TOGETHER) {
+        Images images = {projections + 12 * first, eyes + 4 * first, first,
+                         count - first < TOGETHER ? count - first : TOGETHER, lines, {0.0}};
+        find_least_depths(mesh, &images);
+        find_fronts(mesh, planes, &images, fronts);
+        outcome = cross_rims(mesh, &images, edges, fronts, crossings);
     }
-    free(image.places);
-    free(image.rows);
-    free(image.levels);
-    free(image.fronts);
+    free(fronts);
     free(planes);
     free(edges);
     return outcome;
