@@ -10,7 +10,13 @@ import trimesh
 
 from momrec_core.errors import DegenerateShapeError
 from momrec_core.frames import admissible_frames, moment_tensor, turned_moments
-from momrec_core.moments import areas_of, corners_of, gathered_corners, moments_of_corners
+from momrec_core.moments import (
+    areas_of,
+    corners_of,
+    gathered_corners,
+    moments_of_corners,
+    volume_of_corners,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,6 +52,8 @@ class CanonicalShape:
         alpha of eq. 13, canonical units per metre.
     moments : array, shape (6, 6, 6)
         Normalised moments eta_ijk up to order 5 at [i, j, k].
+    volume : float
+        Within the canonical mesh, unitless, where that is closed; negative if it is wound inward.
     eigenvalues : array, shape (3,)
         Of the inertia matrix (eq. 9) in the world, increasing, metres to the power 4.
     eigenvalue_gaps : array, shape (2,)
@@ -67,6 +75,7 @@ class CanonicalShape:
     principal_frame: NDArray[np.float64]
     scale: float
     moments: NDArray[np.float64]
+    volume: float
     eigenvalues: NDArray[np.float64]
     eigenvalue_gaps: NDArray[np.float64]
     sign_margins: NDArray[np.float64]
@@ -138,6 +147,7 @@ def normalize(
         principal_frame=_pose(principal, centred.centroid),
         scale=scale,
         moments=_in_principal_frame(moments, signs, enlarged),
+        volume=centred.volume * enlarged**3,
         eigenvalues=eigenvalues * centred.extent**4,
         eigenvalue_gaps=gaps,
         sign_margins=margins[:2],
@@ -155,6 +165,8 @@ class _Centred:
     vertices : array, shape (n, 3)
     moments : array, shape (6, 6, 6)
         Up to order 5.
+    volume : float
+        Within the shape.
     centroid : array, shape (3,)
         In the world, metres.
     extent : float
@@ -163,6 +175,7 @@ class _Centred:
 
     vertices: NDArray[np.float64]
     moments: NDArray[np.float64]
+    volume: float
     centroid: NDArray[np.float64]
     extent: float
 
@@ -188,6 +201,7 @@ def _centred(mesh: trimesh.Trimesh) -> _Centred:
     return _Centred(
         vertices=vertices,
         moments=moments_of_corners(corners, areas, MAX_ORDER),
+        volume=volume_of_corners(corners),
         centroid=middle + shift * extent,
         extent=extent,
     )

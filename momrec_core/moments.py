@@ -22,6 +22,7 @@ __all__ = [
     "gathered_corners",
     "moments_of_corners",
     "surface_moments",
+    "volume_of_corners",
 ]
 
 PRODUCTS_AT_ONCE = 2**18  # of numbers, by one matrix product: with more, BLAS starts threads
@@ -204,7 +205,12 @@ def enclosed_volume(mesh: trimesh.Trimesh) -> float:
     DegenerateShapeError
         If the mesh has no face, or a vertex that is not finite.
     """
-    x, y, z = corners_of(mesh)
+    return volume_of_corners(corners_of(mesh))
+
+
+def volume_of_corners(corners: NDArray[np.float64]) -> float:
+    """Do the work of `enclosed_volume` for the corners (3, 3, n) of triangles."""
+    x, y, z = corners
     shadows = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
     return float(shadows @ z.sum(axis=0) / 6.0)
 

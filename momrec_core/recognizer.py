@@ -7,7 +7,6 @@ from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +18,6 @@ from momrec_core.canonical import CanonicalShape, normalize
 from momrec_core.covering import covered_shares
 from momrec_core.errors import EmptyHullError, MomrecError, NoCommonLineError
 from momrec_core.hull import VisualHull
-from momrec_core.moments import enclosed_volume
 from momrec_core.view import View
 
 if TYPE_CHECKING:
@@ -83,10 +81,10 @@ class ObjectResult:
         """Area of the mesh, square metres."""
         return float(self.canonical.moments[0, 0, 0] / self.canonical.scale**2)
 
-    @cached_property
+    @property
     def volume(self) -> float:
         """Volume within the mesh, cubic metres."""
-        return enclosed_volume(self.canonical.mesh) / self.canonical.scale**3
+        return self.canonical.volume / self.canonical.scale**3
 
 
 class Recognizer:

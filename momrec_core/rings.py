@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Rings", "counts_of", "ends_of", "number_within", "runs"]
+__all__ = ["Rings", "counts_of", "ends_of", "number_within", "runs", "signed_area"]
 
 
 def ends_of(counts: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -47,6 +47,12 @@ def runs(starts: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int
     numbers = np.repeat(starts - ends[:-1], counts)
     numbers += np.arange(len(numbers))
     return numbers
+
+
+def signed_area(ring: NDArray[np.float64]) -> float:
+    """Return the area that a ring (n, 2) encloses, positive where it runs counter-clockwise."""
+    x, y = (ring[1:] - ring[0]).T
+    return 0.5 * float(x[:-1] @ y[1:] - y[:-1] @ x[1:])
 
 
 @dataclass(frozen=True, eq=False)

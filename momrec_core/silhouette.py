@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from momrec_core.camera import Camera
 from momrec_core.errors import DegenerateShapeError, InvalidCameraError
+from momrec_core.rings import signed_area
 from momrec_core.view import View
 
 __all__ = ["silhouette_of_mesh", "silhouettes_of_mesh"]
@@ -161,12 +162,7 @@ def _outline(surface: _Surface, points: NDArray[np.float64]) -> list[NDArray[np.
 
 def _is_rounding(ring: NDArray[np.float64]) -> bool:
     length = float(np.hypot(*(ring - np.roll(ring, 1, axis=0)).T).sum())
-    return abs(_signed_area(ring)) < max(ROUNDING_AREA, ROUNDING_WIDTH * length / 2)
-
-
-def _signed_area(ring: NDArray[np.float64]) -> float:
-    x, y = (ring - ring[0]).T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    return abs(signed_area(ring)) < max(ROUNDING_AREA, ROUNDING_WIDTH * length / 2)
 
 
 def _closed_walks(tails: NDArray[np.int64], heads: NDArray[np.int64]) -> list[NDArray[np.int64]]:

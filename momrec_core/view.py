@@ -13,7 +13,7 @@ from shapely import MultiPolygon, Polygon
 
 from momrec_core.camera import Camera
 from momrec_core.errors import InvalidCameraError, InvalidContourError
-from momrec_core.rings import Rings
+from momrec_core.rings import Rings, signed_area
 
 __all__ = ["View", "polygon_rings", "region_from_rings"]
 
@@ -33,13 +33,8 @@ def _check_ring(ring: ArrayLike) -> NDArray[np.float64]:
         raise InvalidContourError(
             f"Expected finite vertices, got {points[bad[0]]} at vertex {bad[0]} of {len(points)}"
         )
-    repeated = (points == np.roll(points, -1, axis=0)).all(axis=1)
-    return np.asarray(points[~repeated])
-
-
-def _signed_area(points: NDArray[np.float64]) -> float:
-    x, y = (points - points[0]).T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    following = np.concatenate([points[1:], points[:1]])
+    return np.asarray(points[(points != following).any(axis=1)])
 
 
 def _ring_region(points: NDArray[np.float64]) -> Polygon | MultiPolygon:
@@ -58,7 +53,7 @@ def _check_crossings(points: NDArray[np.float64], region: Polygon | MultiPolygon
     It is where the even-odd region and the ring's signed area agree, so that the crossings cut
     off next to nothing.
     """
-    signed = abs(_signed_area(points))
+    signed = abs(signed_area(points))
     if abs(region.area - signed) > MENDABLE_AREA * region.area:
         raise InvalidContourError(
             f"Expected a ring that does not cross itself, got one whose {len(points)} vertices "

@@ -109,6 +109,7 @@ def test_frame_matrix_scale_and_mesh_of_a_shape_agree(seed: int) -> None:
     np.testing.assert_allclose(shape.mesh.vertices, by_matrix, atol=1e-11)
     in_frame = trimesh.transform_points(mesh.vertices, np.linalg.inv(shape.principal_frame))
     np.testing.assert_allclose(shape.mesh.vertices, shape.scale * in_frame, atol=1e-11)
+    assert shape.volume == pytest.approx(shape.mesh.volume, rel=1e-11)
 
 
 def test_eigenvalues_are_those_of_a_hollow_box() -> None:
