@@ -25,7 +25,7 @@ typedef struct {
     double point_sine; /* below it, a line of sight is seen as a point */
 } Work;
 
-/* Where a line of sight enters a volume (step 1) or leaves one (-1), in lengths of its direction. */
+/* Where a line of sight enters a volume (step 1) or leaves one (-1), in its direction's lengths. */
 typedef struct {
     double position;
     int step;
@@ -102,7 +102,7 @@ static int in_order(const void *one, const void *other)
     const Event *first = one, *second = other;
     if (first->position != second->position)
         return first->position < second->position ? -1 : 1;
-    return first->step - second->step; /* out before in: volumes that touch have no part in common */
+    return first->step - second->step; /* out before in: touching volumes have no part in common */
 }
 
 /* Find the events of a line of sight with one other view's volume, entering and leaving in turn. */
@@ -167,33 +167,42 @@ static int bound_all(const Work *work, Room *room)
 
 /* --- from and to Python ------------------------------------------------------------------- */
 
+enum { POINTS, RINGS, OUTLINES, MATRICES, ORIGINS, DIRECTIONS, VIEWS, ARRAYS, SPARE = ARRAYS, SINE,
+       ARGUMENTS };
+
+static const ArrayKind KINDS[ARRAYS] = {
+    {"points", 'd', 2, 0},   {"rings", 'q', 0, 0},   {"outlines", 'q', 0, 0},
+    {"matrices", 'd', 4, 0}, {"origins", 'd', 3, 0}, {"directions", 'd', 3, 0},
+    {"views", 'q', 0, 0},
+};
+
+static int is_consistent(const Py_buffer *views, const Work *work)
+{
+    return work->spare >= 0 && are_ends(&views[RINGS], views[POINTS].shape[0], 0)
+           && are_ends(&views[OUTLINES], work->ring_count, 0)
+           && views[MATRICES].shape[0] == 3 * work->view_count
+           && views[ORIGINS].shape[0] == work->ray_count
+           && views[DIRECTIONS].shape[0] == work->ray_count;
+}
+
 static PyObject *bound(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
     (void)module;
-    static const ArrayKind KINDS[] = {
-        {"points", 'd', 2, 0},     {"rings", 'q', 0, 0},   {"outlines", 'q', 0, 0},
-        {"matrices", 'd', 4, 0},   {"origins", 'd', 3, 0}, {"directions", 'd', 3, 0},
-        {"views", 'q', 0, 0},
-    };
-    Py_buffer views[7];
-    if (count != 9)
-        return PyErr_Format(PyExc_TypeError, "Expected 9 arguments, got %zd", count);
-    const long long spare = PyLong_AsLongLong(arguments[7]);
-    const double point_sine = PyFloat_AsDouble(arguments[8]);
-    if (PyErr_Occurred() || !get_arrays(arguments, 7, KINDS, 7, views))
+    Py_buffer views[ARRAYS];
+    if (count != ARGUMENTS)
+        return PyErr_Format(PyExc_TypeError, "Expected %d arguments, got %zd", ARGUMENTS, count);
+    const long long spare = PyLong_AsLongLong(arguments[SPARE]);
+    const double point_sine = PyFloat_AsDouble(arguments[SINE]);
+    if (PyErr_Occurred() || !get_arrays(arguments, ARRAYS, KINDS, ARRAYS, views))
         return NULL;
     const Work work = {
-        .points = views[0].buf, .rings = views[1].buf, .outlines = views[2].buf,
-        .matrices = views[3].buf, .origins = views[4].buf, .directions = views[5].buf,
-        .views = views[6].buf, .view_count = views[2].shape[0] - 1,
-        .ring_count = views[1].shape[0] - 1, .ray_count = views[6].shape[0],
-        .spare = spare, .point_sine = point_sine,
+        .points = views[POINTS].buf, .rings = views[RINGS].buf, .outlines = views[OUTLINES].buf,
+        .matrices = views[MATRICES].buf, .origins = views[ORIGINS].buf,
+        .directions = views[DIRECTIONS].buf, .views = views[VIEWS].buf,
+        .view_count = views[OUTLINES].shape[0] - 1, .ring_count = views[RINGS].shape[0] - 1,
+        .ray_count = views[VIEWS].shape[0], .spare = spare, .point_sine = point_sine,
     };
-    const int agree = spare >= 0 && are_ends(&views[1], views[0].shape[0], 0)
-                      && are_ends(&views[2], work.ring_count, 0)
-                      && views[3].shape[0] == 3 * work.view_count
-                      && views[4].shape[0] == work.ray_count
-                      && views[5].shape[0] == work.ray_count;
+    const int agree = is_consistent(views, &work);
     Room room = {0};
     int fits = 1;
     Py_BEGIN_ALLOW_THREADS
@@ -209,7 +218,7 @@ static PyObject *bound(PyObject *module, PyObject *const *arguments, Py_ssize_t 
     free(room.events);
     free(room.rays.items);
     free(room.ends.items);
-    release_arrays(views, 7);
+    release_arrays(views, ARRAYS);
     return result;
 }
 

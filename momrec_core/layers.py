@@ -357,11 +357,11 @@ def pieces_of_layers(layers: Sequence[Layer]) -> tuple[Regions, NDArray[np.int64
 
     Pieces of other layers may be among them.
     """
-    batches = {id(layer.batch): layer.batch for layer in layers}
-    numbers = np.array([len(batch) for batch in batches.values()])
+    batches = list(dict.fromkeys(layer.batch for layer in layers))
+    numbers = np.array([len(batch) for batch in batches])
     starts = dict(zip(batches, ends_of(numbers).tolist(), strict=False))
-    first = np.array([starts[id(layer.batch)] + layer.low for layer in layers])
-    return Regions.joined(list(batches.values())), first
+    first = np.array([starts[layer.batch] + layer.low for layer in layers])
+    return Regions.joined(batches), first
 
 
 def _are_similar(areas: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.bool_]:

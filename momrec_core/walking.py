@@ -273,12 +273,5 @@ def _better(
 ) -> tuple[_Walks, NDArray[np.float64]]:
     """Return the clearly better of two walks along each pair, else the first, and its misfit."""
     is_better = other_misfits < WORTHWHILE * misfits - TIE
-    is_step = np.repeat(is_better, walks.steps)
-    better = _Walks(
-        walks.pairs,
-        np.where(is_better[:, None], others.starts, walks.starts),
-        walks.steps,
-        np.where(is_step, others.rises, walks.rises),
-        np.where(is_better[:, None], others.measures, walks.measures),
-    )
+    better = walks.replaced(is_better, others[is_better])
     return better, np.where(is_better, other_misfits, misfits)
