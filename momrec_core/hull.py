@@ -176,7 +176,8 @@ class VisualHull:
         for view in waiting:
             if not isinstance(view, View):
                 raise InvalidContourError(f"Expected a View, got {type(view).__name__}")
-        self._resume()
+        if waiting:
+            self._resume()
         while waiting:
             if self._family is None:
                 self.views.append(waiting.popleft())
