@@ -1,7 +1,7 @@
 /* Regions between contours cut into triangles, where nothing is degenerate.
  *
  * Holes are joined to what is around them by bridges, and ears are cut off (D. Eberly, Triangulation
- * by ear clipping, 2002), one whose diagonal is shorter than those of the ears beside it first. All
+ * by ear clipping, 2002), one whose diagonal costs less than those of the ears beside it first. All
  * triangles have clearly positive areas: where contours bound a region, they cover it once. A region
  * where that does not come out is reported instead, for a library that also knows what to do there.
  */
@@ -15,12 +15,13 @@
 
 enum { MOST_VERTICES = 4000 }; /* of a region: time may grow with their square */
 static const double FLAT = 1e-9; /* of the diagonal: an ear of less height may be rounding */
+static const double LEVEL = 4.0; /* ears that don't lead to the other layer wait: each takes volume */
 
 /* A corner of what is left of a region, and the edge from it to the next. */
 typedef struct {
     double x, y, z;
     int64_t vertex, previous, next;
-    double key;                /* the diagonal's square if it can be cut off, or infinity */
+    double key;                /* what cutting it off costs, or infinity if it can't be */
     uint8_t is_cut, may_block; /* cut off; not clearly convex, so that it may lie in ears */
 } Node;
 
@@ -74,9 +75,11 @@ static double square(const Node *a, const Node *b)
     return (b->x - a->x) * (b->x - a->x) + (b->y - a->y) * (b->y - a->y);
 }
 
-static double square_of_lifted(const Node *a, const Node *b)
+/* How much a diagonal costs: the longer it is, and the more where all of its ear lies level. */
+static double cost_of_ear(const Node *a, const Node *b, const Node *c)
 {
-    return square(a, b) + (b->z - a->z) * (b->z - a->z);
+    const int is_level = a->z == b->z && b->z == c->z;
+    return (is_level ? LEVEL : 1.0) * square(a, c);
 }
 
 static int is_same_place(const Node *a, const Node *b) { return a->x == b->x && a->y == b->y; }
@@ -159,7 +162,7 @@ static int64_t find_bridge(const Node *nodes, int64_t count, const Node *hole)
                                           || turn * cross(&hit, end, node) > 0))
             continue;
         const double slope = fabs(node->y - hole->y) / (hole->x - node->x);
-        if ((slope < least || (slope == least && node->x > nodes[best].x))
+        if ((slope < least || (best >= 0 && slope == least && node->x > nodes[best].x))
             && opens_to(nodes, node, hole)) {
             least = slope;
             best = place;
@@ -304,7 +307,7 @@ static void look_at(Room *room, int64_t place)
     Node *nodes = room->nodes, *b = nodes + place;
     const Node *a = nodes + b->previous, *c = nodes + b->next;
     b->may_block = !is_convex(a, b, c);
-    b->key = !b->may_block && is_free(room, a, b, c) ? square_of_lifted(a, c) : INFINITY;
+    b->key = !b->may_block && is_free(room, a, b, c) ? cost_of_ear(a, b, c) : INFINITY;
 }
 
 static void cut_ear(Room *room, int64_t tip)
@@ -327,7 +330,7 @@ static void cut_ear(Room *room, int64_t tip)
     }
 }
 
-/* Cut off ears with a shorter diagonal than those beside, from a node on, until nothing is left;
+/* Cut off ears whose diagonal costs less than those beside, from a node on, until nothing is left;
  * return whether it comes to that. */
 static int cut_around(Room *room, int64_t place)
 {

@@ -127,6 +127,27 @@ def test_regions_face_up_or_down_and_a_doubtful_one_between_others_is_left_out()
     assert open_edges(parts[2]) == Counter(edge[::-1] for edge in edges_of([square], 8))
 
 
+def test_regions_are_cut_alike_however_far_apart_the_layers_are():
+    angles = 2 * np.pi * np.arange(12) / 12
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    flat = np.concatenate([circle, 0.8 * circle[::-1]])
+    cuts = []
+    for height in (0.01, 100.0):
+        points = np.column_stack([flat, np.repeat([0.0, height], 12)])
+        triangles, counts = np.empty((28, 3), dtype=np.int64), np.empty(1, dtype=np.int64)
+        ends = np.array([0, 12, 24]), np.array([0, 2])
+        fill(points, np.arange(24), *ends, np.array([True]), triangles, counts)
+        assert counts[0] == 24
+        cuts.append(triangles[:24])
+    assert np.array_equal(*cuts)
+
+
+def test_a_hole_further_from_all_vertices_than_slopes_can_tell_makes_a_region_doubtful():
+    outline = np.array([[-1e-30, -1e290], [1e-30, -1e290], [1e-30, 1e290], [-1e-30, 1e290]])
+    hole = np.array([[0.0, 0.0], [5e-31, 1e280], [5e-31, -1e280]])
+    assert filled([[outline, hole]])[1] == [None]
+
+
 def test_a_hole_that_touches_the_outline_is_still_covered():
     outline = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
     hole = np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 1.0]])
