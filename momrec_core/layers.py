@@ -207,7 +207,8 @@ class Slabs:
         """Return the slab of each pair of layers, below and above."""
         pairs = list(pairs)
         new = [pair for pair in pairs if pair not in self._known]
-        self._known.update(zip(new, _match_layers(new), strict=True))
+        if new:
+            self._known.update(zip(new, _match_layers(new), strict=True))
         return [self._known[pair] for pair in pairs]
 
 
