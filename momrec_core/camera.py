@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -149,16 +150,19 @@ class Camera:
         """Origin of the optical frame in the world, metres; shape (3,)."""
         return self.pose[:3, 3]
 
-    @property
+    @cached_property
     def matrix(self) -> NDArray[np.float64]:
         """The projection of homogeneous points of the world to homogeneous image coordinates.
 
-        Shape (3, 4). For parallel projection the last row is ``[0, 0, 0, 1]``.
+        Shape (3, 4), not to be written to. For parallel projection the last row is
+        ``[0, 0, 0, 1]``.
         """
         matrix = np.column_stack([self.rotation.T, -self.rotation.T @ self.position])
-        if self.K is not None:
-            return np.asarray(self.K @ matrix)
-        matrix[2] = 0.0, 0.0, 0.0, 1.0
+        if self.K is None:
+            matrix[2] = 0.0, 0.0, 0.0, 1.0
+        else:
+            matrix = self.K @ matrix
+        matrix.flags.writeable = False
         return matrix
 
     def project(self, points_world: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

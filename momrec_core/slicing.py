@@ -20,7 +20,7 @@ from momrec_core.lines import nearest_point_equations
 from momrec_core.regions import CLEARANCE, Footprints, Regions
 from momrec_core.rings import Rings, ends_of, number_within
 from momrec_core.scanning import scan_spans
-from momrec_core.view import View
+from momrec_core.view import View, evenly_chosen
 
 __all__ = [
     "Intersection",
@@ -243,7 +243,7 @@ def directions_to_slice(
     pairs : list of (int, int) or None
         The two views of each common line.
     """
-    chosen = np.unique(np.linspace(0, len(views) - 1, MAX_WEIGHED).round().astype(int))
+    chosen = evenly_chosen(views, MAX_WEIGHED)
     directions = np.array([viewing_direction(views[index]) for index in chosen])
     first, second = np.triu_indices(len(chosen), 1)
     lines = np.cross(directions[first], directions[second])

@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 
 from momrec_core._strips import bound
 from momrec_core.rings import Rings, ends_of
-from momrec_core.view import View
+from momrec_core.view import View, evenly_chosen
 
 __all__ = ["Strips", "surface_strips"]
 
 MAX_VIEWS = 16  # that are sampled: their hull has about the same facets
 MOST_RAYS = 16  # lines of sight of each view, and
 ALL_RAYS = 144  # of all views together, about
-MAX_RINGS = 32  # of a silhouette, those of most vertices
-MAX_VERTICES = 128  # of these rings, about: more are thinned out
 POINT_SINE = 1e-6  # a line of sight that another view sees as a point, to within so much
 STEEPEST = 5.0  # times its height: how wide a strip between two planes counts at most
 FLAT_SINE = 1e-3  # of the angle between planes and facet: below, it is an end or a ledge
@@ -152,8 +150,7 @@ def surface_strips(views: Sequence[View], middle: NDArray[np.float64], spare: in
     W. Matusik et al., Image-based visual hulls, 2000; S. Lazebnik et al., Projective visual
     hulls, 2007 (cone strips).
     """
-    numbers = np.unique(np.linspace(0, len(views) - 1, MAX_VIEWS).round().astype(int))
-    chosen = [views[number] for number in numbers]
+    chosen = [views[number] for number in evenly_chosen(views, MAX_VIEWS)]
     outlines = _outlines(chosen, middle)
     matrices = np.array([view.camera.matrix for view in chosen])
     rays, low, high = outlines.bounding_parts(matrices, spare)
@@ -166,7 +163,7 @@ def surface_strips(views: Sequence[View], middle: NDArray[np.float64], spare: in
 
 
 def _outlines(views: Sequence[View], middle: NDArray[np.float64]) -> _Outlines:
-    thinned = [_thinned(view) for view in views]
+    thinned = [view.sketch for view in views]
     points = np.concatenate([rings.points for rings in thinned])
     counts = np.concatenate([rings.counts for rings in thinned])
     numbers = np.array([len(rings.points) for rings in thinned])
@@ -182,12 +179,6 @@ def _outlines(views: Sequence[View], middle: NDArray[np.float64]) -> _Outlines:
         depths,
         np.repeat(np.arange(len(views)), len(origins) // len(views)),
     )
-
-
-def _thinned(view: View) -> Rings:
-    rings = sorted(view.rings, key=len)[-MAX_RINGS:]
-    step = -(-sum(len(ring) for ring in rings) // MAX_VERTICES)
-    return Rings.of_loops([ring[:: min(step, len(ring) // 3)] for ring in rings])
 
 
 def _sampled(

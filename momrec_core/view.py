@@ -15,9 +15,11 @@ from momrec_core.camera import Camera
 from momrec_core.errors import InvalidCameraError, InvalidContourError
 from momrec_core.rings import Rings, signed_area
 
-__all__ = ["View", "polygon_rings", "region_from_rings"]
+__all__ = ["View", "evenly_chosen", "polygon_rings", "region_from_rings"]
 
 NEGLIGIBLE_AREA = 1e-9  # of the view's area: rings below are rounding, not shape
+SKETCH_RINGS = 32  # of a silhouette, those of most vertices
+SKETCH_VERTICES = 128  # of these rings, about: more are thinned out
 MENDABLE_AREA = 0.02  # of the ring's area: what the two readings of a crossing ring may differ by
 
 
@@ -191,6 +193,13 @@ class View:
         return Rings.of_loops(polygon_rings(shapely.orient_polygons(self.silhouette)))
 
     @cached_property
+    def sketch(self) -> Rings:
+        """The largest of the silhouette's rings with evenly chosen vertices, enough for samples."""
+        rings = sorted(self.rings, key=len)[-SKETCH_RINGS:]
+        step = -(-sum(len(ring) for ring in rings) // SKETCH_VERTICES)
+        return Rings.of_loops([ring[:: min(step, len(ring) // 3)] for ring in rings])
+
+    @cached_property
     def visible(self) -> MultiPolygon:
         """The part of the silhouette inside the frame; all of it where none of it is."""
         if self.frame is None or shapely.contains_properly(self.frame, self.silhouette):
@@ -207,3 +216,10 @@ def _is_clean(region: MultiPolygon) -> bool:
         and np.isfinite(shapely.get_coordinates(region)).all()
         and areas.min() > NEGLIGIBLE_AREA * areas.sum()
     )
+
+
+def evenly_chosen(views: Sequence[View], most: int) -> NDArray[np.int64]:
+    """Return the numbers of all views, or of so many that are evenly spread among them."""
+    if len(views) <= most:
+        return np.arange(len(views))
+    return np.linspace(0, len(views) - 1, most).round().astype(np.int64)
