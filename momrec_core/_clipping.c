@@ -101,7 +101,7 @@ static void free_outlines(Step *step)
 /* Clip all; return whether the memory sufficed. */
 static int clip_all(const Work *work, Room *room)
 {
-    int fits = add_end(&room->rings, 0) && add_end(&room->regions, 0);
+    int fits = begin_results(room);
     for (Py_ssize_t step = 0; step < work->count; step++) {
         const size_t outlines = (size_t)work->steps[step].regions.count;
         work->steps[step].outlines = calloc(outlines + 1, sizeof(Outline));
@@ -159,7 +159,7 @@ static int add_simplified(Room *room, const double *points, int64_t count, doubl
 
 static int simplify_all(const Regions *regions, double tolerance, Room *room)
 {
-    if (!add_end(&room->rings, 0) || !add_end(&room->regions, 0))
+    if (!begin_results(room))
         return 0;
     for (Py_ssize_t region = 0; region < regions->count; region++) {
         for (int64_t ring = regions->regions[region]; ring < regions->regions[region + 1]; ring++) {
@@ -194,7 +194,7 @@ static int add_rings(Room *room, const Regions *from, int64_t first, int64_t las
 /* Add some regions as they are. */
 static int add_chosen(const Regions *from, const int64_t *chosen, Py_ssize_t count, Room *room)
 {
-    int fits = add_end(&room->rings, 0) && add_end(&room->regions, 0);
+    int fits = begin_results(room);
     for (Py_ssize_t place = 0; fits && place < count; place++) {
         const int64_t *ends = from->regions + chosen[place];
         fits = add_rings(room, from, ends[0], ends[1])
@@ -279,7 +279,7 @@ static int add_pieces(const Regions *regions, Enclosed *rings, const int64_t end
 /* Take regions apart; count where the pieces of each region end. */
 static int take_apart(const Regions *regions, Enclosed *rings, int64_t *ends, Room *room)
 {
-    if (!add_end(&room->rings, 0) || !add_end(&room->regions, 0))
+    if (!begin_results(room))
         return 0;
     for (int64_t ring = 0; ring < regions->regions[regions->count]; ring++) {
         rings[ring] = (Enclosed){0.0, EMPTY, -1};

@@ -120,6 +120,12 @@ static inline int add_end(List *ends, size_t count)
     return end != NULL;
 }
 
+/* End what comes before the first ring and the first region: nothing. */
+static inline int begin_results(Room *room)
+{
+    return add_end(&room->rings, 0) && add_end(&room->regions, 0);
+}
+
 /* --- edges -------------------------------------------------------------------------------- */
 
 static const Box EMPTY = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 __all__ = [
     "areas_of",
     "corners_of",
-    "enclosed_volume",
     "gathered_corners",
     "moments_of_corners",
     "surface_moments",
@@ -187,29 +186,19 @@ def _normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
 
 
-def enclosed_volume(mesh: trimesh.Trimesh) -> float:
-    """Return the volume within a closed mesh; negative where it is wound inward.
+def volume_of_corners(corners: NDArray[np.float64]) -> float:
+    """Return the volume within a closed surface; negative where it is wound inward.
 
     Parameters
     ----------
-    mesh : Trimesh
-        Closed, with the origin within or near, else digits are lost.
+    corners : array, shape (3, 3, n)
+        Of its triangles, as of `corners_of`, with the origin within or near, else digits are lost.
 
     Returns
     -------
     volume : float
-        In the mesh's unit to the power 3.
-
-    Raises
-    ------
-    DegenerateShapeError
-        If the mesh has no face, or a vertex that is not finite.
+        In the corners' unit to the power 3.
     """
-    return volume_of_corners(corners_of(mesh))
-
-
-def volume_of_corners(corners: NDArray[np.float64]) -> float:
-    """Do the work of `enclosed_volume` for the corners (3, 3, n) of triangles."""
     x, y, z = corners
     shadows = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
     return float(shadows @ z.sum(axis=0) / 6.0)
