@@ -35,6 +35,7 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -78,6 +79,7 @@ HISTORY = 5
 TF_QUEUE = 100  # as of every broadcaster of transforms
 DIAGNOSTICS_PERIOD = 1.0  # seconds
 PATIENCE = 0.1  # seconds that a computation gets to end before it is left alone
+UNDISCOVERED = "_NODE_NAME_UNKNOWN_"  # rmw's name of a node of which only an endpoint is known
 FAILED = 1
 
 
@@ -106,7 +108,7 @@ class RecognizerNode(LifecycleNode):
         self._inputs: dict[Input, Subscription] = {}
         self._unreceived = 0
         self._reported = Activity()
-        self._told_publishers: set[tuple[int, ...]] = set()
+        self._told_publishers: set[tuple[tuple[int, ...], str]] = set()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
         self.create_service(Trigger, "~/reset", self._reset)
@@ -416,16 +418,20 @@ class RecognizerNode(LifecycleNode):
         self._diagnostics.publish(encode_diagnostic_array(DiagnosticArray(header, (status,))))
 
     def _tell_mismatches(self) -> None:
-        """Tell, once each, of publishers from which no message can come."""
+        """Tell, once each, of publishers from which no message can come.
+
+        An endpoint is often discovered before the node that it belongs to: it is told again when
+        that is known.
+        """
         for subscription in self._inputs.values():
             for other in self.get_publishers_info_by_topic(subscription.topic_name):
                 mismatch = _mismatch(other, subscription.qos_profile, subscription.msg_type)
-                gid = tuple(other.endpoint_gid)
-                if mismatch and gid not in self._told_publishers:
-                    self._told_publishers.add(gid)
+                told = (tuple(other.endpoint_gid), owner_of(other))
+                if mismatch and told not in self._told_publishers:
+                    self._told_publishers.add(told)
                     self.get_logger().warning(
                         f"nothing comes from the publisher of {subscription.topic_name} in "
-                        f"{other.node_namespace.rstrip('/')}/{other.node_name}: {mismatch}"
+                        f"{owner_of(other)}: {mismatch}"
                     )
 
 
@@ -453,7 +459,14 @@ def _message_type(name: str) -> Any:
     return getattr(import_module(f"{package}.msg"), kind)
 
 
-def _mismatch(publisher: Any, wanted: QoSProfile, kind: Any) -> str:
+def owner_of(endpoint: TopicEndpointInfo) -> str:
+    """Return the full name of the node that a discovered endpoint belongs to, as far as known."""
+    if endpoint.node_name == UNDISCOVERED:
+        return "a node whose name is not known"
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+
+
+def _mismatch(publisher: TopicEndpointInfo, wanted: QoSProfile, kind: Any) -> str:
     """Return why nothing comes from a publisher; empty if something does."""
     package, *_ = kind.__module__.split(".")
     type_name = f"{package}/msg/{kind.__name__}"

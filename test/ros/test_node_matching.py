@@ -4,6 +4,9 @@ from importlib.util import find_spec
 
 import pytest
 from graph import box_views, view_message
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from momrec_ros.node import owner_of
 
 VIEWS = box_views(3)
 OTHER = "std_msgs/msg/String"
@@ -58,3 +61,19 @@ def test_a_node_that_asks_for_best_effort_hears_both_kinds(graph, reliability):
 
     graph.until(has_heard, "a view used")
     assert not node.logged("nothing comes from the publisher")
+
+
+@pytest.mark.parametrize(
+    ("namespace", "name", "expected"),
+    [
+        ("/", "camera", "/camera"),
+        ("/left", "camera", "/left/camera"),
+        (
+            "_NODE_NAMESPACE_UNKNOWN_",
+            "_NODE_NAME_UNKNOWN_",
+            "a node whose name is not known",
+        ),
+    ],
+)
+def test_a_publisher_is_told_by_its_node_once_that_is_discovered(namespace, name, expected):
+    assert owner_of(TopicEndpointInfo(node_name=name, node_namespace=namespace)) == expected
