@@ -35,60 +35,72 @@ static const Outline *outline_of(const Step *step, Py_ssize_t plane)
     return outline->is_laid ? outline : NULL;
 }
 
-/* Take what has been added since there were so many points and ends of rings as a region. */
-static int take_back(Room *room, Edges *region, size_t points, size_t ends)
+/* Add rings of any regions as they are, from one to another. */
+static int add_rings(Room *room, const Regions *from, int64_t first, int64_t last)
 {
-    const size_t count = room->points.count - points;
-    const int64_t rings[2] = {0, (int64_t)(room->rings.count - ends)};
-    double *kept = reserved(&room->kept, count, 2 * sizeof(double));
-    int64_t *numbers = (int64_t *)room->rings.items + ends - 1;
-    if (kept == NULL)
+    const int64_t *ends = from->rings + first;
+    const size_t begin = room->points.count, count = (size_t)(from->rings[last] - *ends);
+    double *copied = reserved(&room->points, begin + count, 2 * sizeof(double));
+    if (copied == NULL)
         return 0;
-    if (count > 0)
-        memcpy(kept, (double *)room->points.items + 2 * points, count * 2 * sizeof(double));
-    for (int64_t ring = rings[1]; ring >= 0; ring--)
-        numbers[ring] -= numbers[0];
-    const Regions result = {kept, numbers, rings, 1};
-    const int fits = lay_out(region, room->memory, &result, 0);
-    numbers[0] = (int64_t)points;
-    room->points.count = points;
-    room->rings.count = ends;
-    return fits;
+    memcpy(copied + 2 * begin, from->points + 2 * *ends, 2 * count * sizeof(double));
+    room->points.count += count;
+    for (int64_t ring = 0; ring < last - first; ring++)
+        if (!add_end(&room->rings, begin + (size_t)(ends[ring + 1] - *ends)))
+            return 0;
+    return 1;
 }
 
-/* Clip the region of one plane, step by step; stop before a step that is doubtful. */
-static int clip_plane(const Work *work, Room *room, Py_ssize_t plane)
+/* Clip the region of one plane in a step; leave the room as it was if that is doubtful. */
+static Outcome clip_plane(const Work *work, Room *room, const Regions *from, const Step *step,
+                          Py_ssize_t plane)
 {
     const size_t points = room->points.count, ends = room->rings.count;
+    const Outline *outline = outline_of(step, plane);
     Edges region;
-    if (!lay_out(&region, room->memory, &work->regions, plane))
-        return 0;
-    Side sides[2] = {{.edges = &region, .scale = 1.0, .shift = NOWHERE}};
-    for (int64_t *done = &work->done[plane]; *done < work->count; ++*done) {
-        if (region.rings == 0) {
-            *done = work->count;
-            break;
-        }
-        const Step *step = &work->steps[*done];
-        const Outline *outline = outline_of(step, plane);
-        if (outline == NULL)
-            return 0;
-        sides[1] = (Side){&outline->edges, step->scales[plane], step->shifts + 2 * plane, NULL};
-        const Outcome outcome = intersect(room, sides, outline, work->tolerance);
-        if (outcome == NO_MEMORY)
-            return 0;
-        if (outcome == DOUBTFUL) {
-            room->points.count = points;
-            room->rings.count = ends;
-            break;
-        }
-        if (!take_back(room, &region, points, ends))
+    if (outline == NULL || !lay_out(&region, room->memory, from, plane))
+        return NO_MEMORY;
+    Side sides[2] = {{.edges = &region, .scale = 1.0, .shift = NOWHERE},
+                     {&outline->edges, step->scales[plane], step->shifts + 2 * plane, NULL}};
+    const Outcome outcome = intersect(room, sides, outline, work->tolerance);
+    if (outcome != DONE) {
+        room->points.count = points;
+        room->rings.count = ends;
+    }
+    return outcome;
+}
+
+/* Clip the regions of the planes that are due for a step; the others stay as they are. */
+static int clip_step(const Work *work, Room *room, const Regions *from, Py_ssize_t number)
+{
+    for (Py_ssize_t plane = 0; plane < from->count; plane++) {
+        const int64_t *rings = from->regions + plane;
+        Outcome outcome = DOUBTFUL;
+        if (work->done[plane] == number && rings[0] == rings[1])
+            work->done[plane] = work->count;
+        else if (work->done[plane] == number)
+            outcome = clip_plane(work, room, from, &work->steps[number], plane);
+        work->done[plane] += outcome == DONE;
+        if (outcome == NO_MEMORY
+            || (outcome == DOUBTFUL && !add_rings(room, from, rings[0], rings[1]))
+            || !add_end(&room->regions, room->rings.count - 1))
             return 0;
     }
-    for (int64_t ring = 0; ring < region.rings; ring++)
-        if (!add_ring(room, &sides[0], ring))
-            return 0;
-    return add_end(&room->regions, room->rings.count - 1);
+    return 1;
+}
+
+/* Lay the results aside, to be clipped further; return them. */
+static Regions laid_aside(Room *room)
+{
+    List *const results[RESULTS] = {&room->points, &room->rings, &room->regions};
+    for (int list = 0; list < RESULTS; list++) {
+        const List emptied = room->before[list];
+        room->before[list] = *results[list];
+        *results[list] = emptied;
+        results[list]->count = 0;
+    }
+    return (Regions){room->before[0].items, room->before[1].items, room->before[2].items,
+                     (Py_ssize_t)room->before[2].count - 1};
 }
 
 static void free_outlines(Step *step)
@@ -98,19 +110,26 @@ static void free_outlines(Step *step)
     free(step->outlines);
 }
 
-/* Clip all; return whether the memory sufficed. */
+/* Clip all; return whether the memory sufficed.
+ *
+ * All planes take one step before the next: what an outline is looked up in stays in the cache.
+ */
 static int clip_all(const Work *work, Room *room)
 {
     int fits = begin_results(room);
-    for (Py_ssize_t step = 0; step < work->count; step++) {
-        const size_t outlines = (size_t)work->steps[step].regions.count;
-        work->steps[step].outlines = calloc(outlines + 1, sizeof(Outline));
-        fits = fits && work->steps[step].outlines != NULL;
+    for (Py_ssize_t plane = 0; fits && plane < work->regions.count; plane++) {
+        const int64_t *rings = work->regions.regions + plane;
+        fits = add_rings(room, &work->regions, rings[0], rings[1])
+               && add_end(&room->regions, room->rings.count - 1);
     }
-    for (Py_ssize_t plane = 0; fits && plane < work->regions.count; plane++)
-        fits = clip_plane(work, room, plane);
-    for (Py_ssize_t step = 0; step < work->count; step++)
-        free_outlines(&work->steps[step]);
+    for (Py_ssize_t number = 0; fits && number < work->count; number++) {
+        const Regions from = laid_aside(room);
+        Step *step = &work->steps[number];
+        step->outlines = calloc((size_t)step->regions.count + 1, sizeof(Outline));
+        fits = step->outlines != NULL && begin_results(room)
+               && clip_step(work, room, &from, number);
+        free_outlines(step);
+    }
     return fits;
 }
 
@@ -174,22 +193,6 @@ static int simplify_all(const Regions *regions, double tolerance, Room *room)
 }
 
 /* --- choice ------------------------------------------------------------------------------- */
-
-/* Add rings of any regions as they are, from one to another. */
-static int add_rings(Room *room, const Regions *from, int64_t first, int64_t last)
-{
-    const int64_t *ends = from->rings + first;
-    const size_t begin = room->points.count, count = (size_t)(from->rings[last] - *ends);
-    double *copied = reserved(&room->points, begin + count, 2 * sizeof(double));
-    if (copied == NULL)
-        return 0;
-    memcpy(copied + 2 * begin, from->points + 2 * *ends, 2 * count * sizeof(double));
-    room->points.count += count;
-    for (int64_t ring = 0; ring < last - first; ring++)
-        if (!add_end(&room->rings, begin + (size_t)(ends[ring + 1] - *ends)))
-            return 0;
-    return 1;
-}
 
 /* Add some regions as they are. */
 static int add_chosen(const Regions *from, const int64_t *chosen, Py_ssize_t count, Room *room)

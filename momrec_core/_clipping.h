@@ -21,6 +21,7 @@
 
 enum { EDGES_A_CELL = 2, MOST_ROWS = 1000 }; /* of the grid in which edges are looked up */
 static const double MOST = 1e75;      /* of a coordinate: so that no product of four overflows */
+enum { RESULTS = 3 };     /* lists that regions are kept in */
 enum { FEW_PLACES = 32 }; /* that are sorted by inserting one after the other */
 
 /* Rings, one behind the other, and regions of rings, likewise; the inside is on their left. */
@@ -93,9 +94,10 @@ typedef struct {
 } Outline;
 
 typedef struct {
-    List kept, memory[3]; /* of a plane's region, reused from plane to plane like the next ones */
+    List before[RESULTS]; /* results that are clipped further */
+    List memory[3];       /* of a plane's region, reused from plane to plane like the next ones */
     List is_crossed[2], crossings, places;
-    List points, rings, regions; /* results */
+    List points, rings, regions; /* results: three lists */
 } Room;
 
 typedef enum { DONE, DOUBTFUL, NO_MEMORY } Outcome;
