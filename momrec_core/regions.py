@@ -192,22 +192,24 @@ class Regions:
         if not footprints or len(self) == 0:
             return self
         steps = tuple(footprint.arrays for footprint in footprints)
-        done = np.zeros(len(self), dtype=np.int64)
-        regions = self
-        while (done < len(footprints)).any():
-            regions = _regions(*clip(*regions.arrays, done, steps, CLEARANCE))
+        planes, done = np.arange(len(self)), np.zeros(len(self), dtype=np.int64)
+        regions = left = self
+        while True:
+            cut = _regions(*clip(*left.arrays, done, steps, CLEARANCE))
+            regions = regions.replaced(planes, cut)
             doubtful = np.flatnonzero(done < len(footprints))
+            if len(doubtful) == 0:
+                return regions
             sections = []
-            for plane in doubtful.tolist():
-                section = regions.section(plane)
-                end = done[plane] + 1 if in_turn else len(footprints)
-                for footprint in footprints[done[plane] : end]:
-                    section ^= footprint.section(plane)
+            for place in doubtful.tolist():
+                section = cut.section(place)
+                end = done[place] + 1 if in_turn else len(footprints)
+                for footprint in footprints[done[place] : end]:
+                    section ^= footprint.section(planes[place])
                 sections.append(section)
-                done[plane] = end
-            if sections:
-                regions = regions.replaced(doubtful, Regions.of_sections(sections))
-        return regions
+                done[place] = end
+            left, planes, done = Regions.of_sections(sections), planes[doubtful], done[doubtful]
+            steps = tuple(footprint.take(planes).arrays for footprint in footprints)
 
     @cached_property
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
@@ -242,6 +244,12 @@ class Footprints:
         """Return one outline for each plane, where it is."""
         count = len(outlines)
         return cls(outlines, np.arange(count), np.ones(count), np.zeros((count, 2)))
+
+    def take(self, chosen: NDArray[np.int64]) -> Footprints:
+        """Return the footprints of some of the planes."""
+        return Footprints(
+            self.outlines, self.chosen[chosen], self.scales[chosen], self.shifts[chosen]
+        )
 
     @property
     def arrays(
