@@ -13,6 +13,7 @@
 #include "_arrays.h"
 #include "_lists.h"
 #include "_plane.h"
+#include "_sorting.h"
 
 #include <math.h>
 #include <stdint.h>
@@ -22,7 +23,6 @@
 enum { EDGES_A_CELL = 2, MOST_ROWS = 1000 }; /* of the grid in which edges are looked up */
 static const double MOST = 1e75;      /* of a coordinate: so that no product of four overflows */
 enum { RESULTS = 3 };     /* lists that regions are kept in */
-enum { FEW_PLACES = 32 }; /* that are sorted by inserting one after the other */
 
 /* Rings, one behind the other, and regions of rings, likewise; the inside is on their left. */
 typedef struct {
@@ -425,22 +425,6 @@ static inline int in_order(const void *one, const void *other)
     return (first->at > second->at) - (first->at < second->at);
 }
 
-/* Sort places; few are, as they are found, almost in order along the first side. */
-static inline void sort_places(Place *places, size_t count)
-{
-    if (count > FEW_PLACES) {
-        qsort(places, count, sizeof(Place), in_order);
-        return;
-    }
-    for (size_t last = 1; last < count; last++) {
-        const Place place = places[last];
-        size_t at = last;
-        for (; at > 0 && in_order(&place, &places[at - 1]) < 0; at--)
-            places[at] = places[at - 1];
-        places[at] = place;
-    }
-}
-
 /* Find the crossing after each along one side's rings. */
 static inline Outcome link_crossings(Room *room, const Edges *edges, int which, double tolerance)
 {
@@ -452,7 +436,7 @@ static inline Outcome link_crossings(Room *room, const Edges *edges, int which, 
     for (size_t place = 0; place < count; place++)
         places[place] = (Place){crossings[place].edge[which], crossings[place].at[which],
                                 (int64_t)place};
-    sort_places(places, count);
+    sort_items(places, count, sizeof(Place), in_order);
     size_t first = 0; /* of the ring */
     for (size_t place = 0; place < count; place++) {
         const int64_t ring = edges->ring[places[place].edge];

@@ -2,6 +2,7 @@
 
 #include "_lists.h"
 #include "_module.h"
+#include "_sorting.h"
 
 #include <stdint.h>
 #include <stdlib.h>
@@ -60,8 +61,7 @@ static int scan_line(const Work *work, Room *room, double offset)
             return 0;
     const double *places = room->places.items;
     const size_t count = room->places.count, before = room->spans.count;
-    if (count > 0)
-        qsort(room->places.items, count, sizeof(double), in_order);
+    sort_items(room->places.items, count, sizeof(double), in_order);
     size_t begin = 0; /* of the segments that are one */
     for (size_t end = 1; end < count; end += 2) {
         if (end + 1 < count && !(places[end + 1] - places[end] > work->clearance))

@@ -7,6 +7,7 @@
 
 #include "_lists.h"
 #include "_module.h"
+#include "_sorting.h"
 
 #include <math.h>
 #include <stdint.h>
@@ -115,7 +116,7 @@ static void cross_volume(const Work *work, Room *room, const Sight *sight, Py_ss
         room->events[room->events_count++].position = copysign(INFINITY, sight->slope[2]);
     for (size_t event = begin; event < room->events_count; event++)
         room->events[event].step = 0;
-    qsort(room->events + begin, room->events_count - begin, sizeof(Event), in_order);
+    sort_items(room->events + begin, room->events_count - begin, sizeof(Event), in_order);
     for (size_t event = begin; event < room->events_count; event++)
         room->events[event].step = (event - begin) % 2 ? -1 : 1;
 }
@@ -144,7 +145,7 @@ static int bound_ray(const Work *work, Room *room, Py_ssize_t ray)
         enough++;
         cross_volume(work, room, &sight, view);
     }
-    qsort(room->events, room->events_count, sizeof(Event), in_order);
+    sort_items(room->events, room->events_count, sizeof(Event), in_order);
     for (size_t event = 0; event + 1 < room->events_count; event++) {
         const double low = room->events[event].position, high = room->events[event + 1].position;
         inside += room->events[event].step;

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from momrec_core.camera import Camera
-from momrec_core.lines import nearest_point_equations
+from momrec_core.lines import cross_products, nearest_point_equations
 from momrec_core.regions import CLEARANCE, Footprints, Regions
 from momrec_core.rings import Rings, ends_of, number_within
 from momrec_core.scanning import scan_spans
@@ -71,7 +71,7 @@ def common_line(first: View, second: View) -> NDArray[np.float64] | None:
         that their image planes share no line to speak of: within one degree, or, for pinholes,
         a quarter of the angle under which they see the object, as their cones hardly close then.
     """
-    normal = np.cross(viewing_direction(first), viewing_direction(second))
+    normal = cross_products(viewing_direction(first), viewing_direction(second))
     sine = np.linalg.norm(normal)
     least = max(MIN_ANGLE, *(LEAST_OF_CONE * _apparent_angle(view) for view in (first, second)))
     return np.asarray(normal / sine) if sine > np.sin(least) else None
@@ -160,9 +160,9 @@ class PlaneFamily:
 def _axes_along(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a rotation matrix whose last column is a unit vector."""
     aside = np.eye(3)[np.argmin(np.abs(normal))]
-    x = np.cross(aside, normal)
+    x = cross_products(aside, normal)
     x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(normal, x), normal])
+    return np.column_stack([x, cross_products(normal, x), normal])
 
 
 def viewing_region(
@@ -226,7 +226,7 @@ def _common_sphere(first: View, second: View) -> tuple[NDArray[np.float64], floa
     directions = np.array([viewing_direction(view) for view in views])
     middles = np.array([_middle_point(view) for view in views])
     centre = np.asarray(np.linalg.solve(*nearest_point_equations(middles, directions)))
-    sine = np.linalg.norm(np.cross(*directions))
+    sine = np.linalg.norm(cross_products(*directions))
     sizes = sum(_apparent_radius(view, centre) for view in views)
     return centre, float(REGION_FACTOR * sizes / sine)
 
@@ -246,7 +246,7 @@ def directions_to_slice(
     chosen = evenly_chosen(views, MAX_WEIGHED)
     directions = np.array([viewing_direction(views[index]) for index in chosen])
     first, second = np.triu_indices(len(chosen), 1)
-    lines = np.cross(directions[first], directions[second])
+    lines = cross_products(directions[first], directions[second])
     sines = np.linalg.norm(lines, axis=1)
     sound = np.flatnonzero(sines > SOUND_SINE)
     lines = lines[sound] / sines[sound, None]

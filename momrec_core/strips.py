@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from momrec_core._strips import bound
+from momrec_core.lines import cross_products
 from momrec_core.rings import Rings, ends_of
 from momrec_core.view import View, evenly_chosen
 
@@ -157,7 +158,7 @@ def surface_strips(views: Sequence[View], middle: NDArray[np.float64], spare: in
     is_pinhole = np.array([view.camera.is_pinhole for view in chosen])[outlines.views[rays]]
     near, far = (np.maximum(outlines.depths[rays] + ends, 0.0) for ends in (low, high))
     lengths = np.where(is_pinhole, (far**2 - near**2) / 2, high - low)
-    normals = np.cross(outlines.directions[rays], outlines.edges[rays])
+    normals = cross_products(outlines.directions[rays], outlines.edges[rays])
     widths = np.linalg.norm(normals, axis=1)
     return Strips(normals / widths[:, None], lengths * widths)
 
