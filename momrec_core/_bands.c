@@ -10,13 +10,19 @@
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
 
 enum { CANDIDATES = 8 }; /* vertices of a contour that a walk may begin at */
 enum { EXPECTATIONS = 7 }; /* numbers that a pair of contours suggests of its band */
+enum { FITS = 3 }; /* numbers that tell how a band fits */
 enum { REACH = 8, WINDOW = 2 * REACH + 1 }; /* walks around one, see `improve` */
 enum { ROUNDS = 8 }; /* windows, one after the other: more than three were never needed */
 static const double TIE = 1e-6; /* relatively: choices that differ by less are rounding's */
 static const double TIE_OF_SUMS = 1e-9; /* the same of areas added up, whose choices add up too */
+static const double TIE_OF_MISFITS = 1e-6; /* walks that fit better by less do so by rounding */
+static const double VOLUME_WEIGHT = 5.0; /* of a band's error in volume against one in area */
+static const double DOUBTFUL_MISFIT = 0.05; /* bands above are worth the second look */
+static const double WORTHWHILE = 0.8; /* of a misfit: who gains less smooths rough contours */
 
 /* The arrays of a call, checked. */
 typedef struct {
@@ -24,9 +30,10 @@ typedef struct {
     const int64_t *first;  /* (rings + 1,): where each contour begins, and where the last ends */
     const int64_t *pairs;  /* (bands, 2): the contours below and above */
     const double *shifts;  /* (bands, 2): by which contours above are taken back */
-    int64_t *starts;       /* (bands, 2): the vertices at which the walks begin */
+    const double *expected; /* (bands, EXPECTATIONS): see `expect_all` */
+    int64_t *starts;       /* (bands, 2): where the walks begin, or -1 where there is none yet */
     uint8_t *rises;        /* (steps,): walk by walk, 1 for a rise and 0 for a run */
-    double *measures;      /* (bands, 2), out: area, and flux of (0, 0, z) upward */
+    double *fits;          /* (bands, FITS): area, flux of (0, 0, z) upward, and misfit */
     Py_ssize_t bands;
 } Work;
 
@@ -50,7 +57,7 @@ static int64_t count_of(const Work *work, int64_t ring)
 }
 
 /* Choose the nearest pair of a few vertices below and all above, the first of those as near. */
-static void choose_start(const Work *work, Py_ssize_t band)
+static void choose_start(const Work *work, Py_ssize_t band, int64_t *start)
 {
     const int64_t *pair = work->pairs + 2 * band;
     const double *low = work->points + 3 * work->first[pair[0]];
@@ -58,7 +65,7 @@ static void choose_start(const Work *work, Py_ssize_t band)
     const int64_t below = count_of(work, pair[0]), above = count_of(work, pair[1]);
     const double height = high[2] - low[2];
     double clearly_less = INFINITY;
-    work->starts[2 * band] = work->starts[2 * band + 1] = 0;
+    start[0] = start[1] = 0;
     for (int candidate = 0; candidate < CANDIDATES; candidate++) {
         const int64_t row = below * candidate / CANDIDATES;
         const double x = low[3 * row] + work->shifts[2 * band];
@@ -68,23 +75,23 @@ static void choose_start(const Work *work, Py_ssize_t band)
             const double square = aside * aside + ahead * ahead + height * height;
             if (square < clearly_less) {
                 clearly_less = (1 - TIE) * square;
-                work->starts[2 * band] = row;
-                work->starts[2 * band + 1] = column;
+                start[0] = row;
+                start[1] = column;
             }
         }
     }
 }
 
-/* Lay a contour's vertices out in the order of the walk; `room` takes 3 (count + 1) numbers. */
-static Path path_of(const Work *work, Py_ssize_t band, int side, double *room)
+/* Lay a contour's vertices out in the order of a walk; `room` takes 3 (count + 1) numbers. */
+static Path path_of(const Work *work, Py_ssize_t band, int side, int64_t start, double *room)
 {
-    const int64_t ring = work->pairs[2 * band + side], start = work->starts[2 * band + side];
+    const int64_t ring = work->pairs[2 * band + side];
     const double *points = work->points + 3 * work->first[ring];
     Path path = {.count = count_of(work, ring), .shift = {0.0, 0.0}};
     path.x = room;
     path.y = path.x + path.count + 1;
     path.z = path.y + path.count + 1;
-    if (side) {
+    if (side && work->shifts != NULL) {
         path.shift[0] = work->shifts[2 * band];
         path.shift[1] = work->shifts[2 * band + 1];
     }
@@ -101,7 +108,7 @@ static Path path_of(const Work *work, Py_ssize_t band, int side, double *room)
 /* Walk by the shorter of the two diagonals, and rise where they are as long. */
 static void walk_greedily(const Path *low, const Path *high, uint8_t *rises)
 {
-    const double height = high->z[0] - low->z[0];
+    const double height = high->z[0] - low->z[0], near_tie = TIE * (height * height);
     int64_t row = 0, column = 0;
     while (row < low->count || column < high->count) {
         int rise = row < low->count;
@@ -111,8 +118,7 @@ static void walk_greedily(const Path *low, const Path *high, uint8_t *rises)
             const double run_x = low->x[row] - high->x[column + 1];
             const double run_y = low->y[row] - high->y[column + 1];
             const double run = run_x * run_x + run_y * run_y;
-            const double near_tie = TIE * (run + height * height);
-            rise = rise_x * rise_x + rise_y * rise_y <= run + near_tie;
+            rise = rise_x * rise_x + rise_y * rise_y <= (1 + TIE) * run + near_tie;
         }
         *rises++ = (uint8_t)rise;
         row += rise;
@@ -125,75 +131,69 @@ typedef struct {
     double *x, *y, *edge_x, *edge_y, *upright;
 } Line;
 
-/* Lay out a path; `room` takes 5 (count + 1) numbers. No edge leads to the first vertex. */
+/* Lay out a path, and on both sides of it as many places as a window reaches, which no edge leads
+ * to, as none leads to the first vertex; `room` takes 5 (count + 1 + 2 REACH) numbers. */
 static Line line_of(const Path *path, double height, int is_backward, double *room)
 {
-    const int64_t size = path->count + 1;
-    Line line = {room, room + size, room + 2 * size, room + 3 * size, room + 4 * size};
-    for (int64_t place = 0; place < size; place++) {
-        const int64_t at = is_backward ? path->count - place : place, before = at ? at - 1 : 0;
+    const int64_t size = path->count + 1 + 2 * REACH;
+    double *const x = room + REACH;
+    const Line line = {x, x + size, x + 2 * size, x + 3 * size, x + 4 * size};
+    for (int64_t place = -REACH; place <= path->count + REACH; place++) {
+        const int64_t vertex = is_backward ? path->count - place : place;
+        const int is_led_to = vertex > 0 && vertex <= path->count;
+        const int64_t at = is_led_to ? vertex : 0, before = at - is_led_to;
         const double edge_x = path->x[at] - path->x[before];
         const double edge_y = path->y[at] - path->y[before];
         line.x[place] = path->x[at];
         line.y[place] = path->y[at];
         line.edge_x[place] = edge_x;
         line.edge_y[place] = edge_y;
-        line.upright[place] = height * height * (edge_x * edge_x + edge_y * edge_y);
+        line.upright[place] =
+            is_led_to ? height * height * (edge_x * edge_x + edge_y * edge_y) : INFINITY;
     }
     return line;
 }
 
-/* Add the areas, twice, of the triangles over several edges with as many apexes. */
-static void add_areas(const Line *edges, int64_t edge, const Line *apexes, int64_t apex,
-                      const double *before, int64_t count, double *restrict areas)
+/* Take a step in all of a window: to the least areas so far, twice, add the triangles that rise or
+ * run to each row. Write the least, and by how much rises are better, or not worse. */
+static void step_to(const Line *low, int64_t row, const Line *high, int64_t column,
+                    const double *restrict least, double *restrict next, double *restrict gains)
 {
-    const double *x = edges->x + edge, *y = edges->y + edge, *upright = edges->upright + edge;
-    const double *edge_x = edges->edge_x + edge, *edge_y = edges->edge_y + edge;
-    const double *apex_x = apexes->x + apex, *apex_y = apexes->y + apex;
-    for (int64_t place = 0; place < count; place++) {
-        const double beside = edge_x[place] * (apex_y[place] - y[place])
-                              - edge_y[place] * (apex_x[place] - x[place]);
-        areas[place] = before[place] + sqrt(beside * beside + upright[place]);
+    const double *x = low->x + row, *y = low->y + row, *upright = low->upright + row;
+    const double *edge_x = low->edge_x + row, *edge_y = low->edge_y + row;
+    const double *high_x = high->x + column, *high_y = high->y + column;
+    const double *run_x = high->edge_x + column, *run_y = high->edge_y + column;
+    const double *run_upright = high->upright + column;
+    for (int place = 0; place < WINDOW; place++) {
+        const double over_x = high_x[place] - x[place], over_y = high_y[place] - y[place];
+        const double rise = edge_x[place] * over_y - edge_y[place] * over_x;
+        const double run = run_x[place] * over_y - run_y[place] * over_x;
+        const double by_rise = least[place - 1] + sqrt(rise * rise + upright[place]);
+        const double by_run = least[place] + sqrt(run * run + run_upright[place]);
+        next[place] = by_rise < by_run ? by_rise : by_run;
+        gains[place] = (1 + TIE_OF_SUMS) * by_run - by_rise;
     }
-}
-
-/* Choose between rises and runs by the areas up to them. */
-static void choose(const double *restrict by_rise, const double *restrict by_run, int64_t count,
-                   double *restrict least, uint8_t *restrict is_rise)
-{
-    for (int64_t place = 0; place < count; place++)
-        least[place] = by_rise[place] < by_run[place] ? by_rise[place] : by_run[place];
-    for (int64_t place = 0; place < count; place++)
-        is_rise[place] = by_rise[place] <= (1 + TIE_OF_SUMS) * by_run[place];
 }
 
 /* Find the walk of the least area in a window around a walk, by dynamic programming.
  *
  * After as many steps, such walks have passed up to REACH vertices below more or less. Back from
- * the end they rise where that is as good. `least` and `next` take the rows from -1, `came` the
- * window of each step. Tell whether the walk that was found runs along the window's border, so
- * that there may be a better one beyond. Where areas are no numbers the walk is left as it is.
+ * the end they rise where that is as good. `least` and `next` take the rows that windows reach and
+ * the one before, `gains` the window of each step. Tell whether the walk that was found runs along
+ * the window's border, so that there may be a better one beyond. Where areas are no numbers the
+ * walk is left as it is.
  */
 static int improve(const Line *low, int64_t rows, const Line *high, int64_t columns,
-                   double *least, double *next, uint8_t *came, uint8_t *rises)
+                   double *least, double *next, double *gains, uint8_t *rises)
 {
-    double by_rise[WINDOW], by_run[WINDOW];
-    for (int64_t row = -1; row <= rows; row++)
+    for (int64_t row = -REACH - 1; row <= rows + REACH; row++)
         least[row] = next[row] = INFINITY;
     least[0] = 0.0;
     int64_t middle = 0;
     for (int64_t step = 1; step <= rows + columns; step++) {
         middle += rises[step - 1];
-        int64_t from = middle - REACH, to = middle + REACH;
-        from = from < step - columns ? step - columns : from;
-        from = from < 0 ? 0 : from;
-        to = to > step ? step : to;
-        to = to > rows ? rows : to;
-        const int64_t count = to - from + 1, column = columns - step + from; /* from the last */
-        add_areas(low, from, high, column, least + from - 1, count, by_rise);
-        add_areas(high, column, low, from, least + from, count, by_run);
-        choose(by_rise, by_run, count, next + from,
-               came + (step - 1) * WINDOW + from - (middle - REACH));
+        const int64_t from = middle - REACH, column = columns - step + from; /* from the last */
+        step_to(low, from, high, column, least + from, next + from, gains + (step - 1) * WINDOW);
         next[from - 1] = INFINITY;
         double *const passed = least;
         least = next;
@@ -205,7 +205,7 @@ static int improve(const Line *low, int64_t rows, const Line *high, int64_t colu
     int is_at_border = 0;
     for (int64_t step = rows + columns; step > 0; step--) {
         const int64_t place = row - middle + REACH;
-        const uint8_t rise = came[(step - 1) * WINDOW + place];
+        const uint8_t rise = gains[(step - 1) * WINDOW + place] >= 0;
         is_at_border |= place == 0 || place == WINDOW - 1;
         middle -= rises[step - 1];
         rises[step - 1] = rise;
@@ -214,17 +214,18 @@ static int improve(const Line *low, int64_t rows, const Line *high, int64_t colu
     return is_at_border;
 }
 
-/* Improve a walk as long as there may be something better; `room` takes 7 numbers a vertex. */
-static void walk_least(const Path *low, const Path *high, double *room, uint8_t *came,
-                       uint8_t *rises)
+/* Improve a walk as long as there may be something better; `room` takes 7 numbers and
+ * a window a vertex, and 24 REACH. */
+static void walk_least(const Path *low, const Path *high, double *room, uint8_t *rises)
 {
     const int64_t rows = low->count, columns = high->count;
     const double height = high->z[0] - low->z[0];
     const Line below = line_of(low, height, 0, room);
-    const Line above = line_of(high, height, 1, room + 5 * (rows + 1));
-    double *least = room + 5 * (rows + columns + 2) + 1, *next = least + rows + 2;
+    const Line above = line_of(high, height, 1, room + 5 * (rows + 1 + 2 * REACH));
+    double *least = room + 5 * (rows + columns + 2 + 4 * REACH) + REACH + 1;
+    double *next = least + rows + 2 + 2 * REACH, *gains = next + rows + 1 + REACH;
     for (int round = 0; round < ROUNDS; round++)
-        if (!improve(&below, rows, &above, columns, least, next, came, rises))
+        if (!improve(&below, rows, &above, columns, least, next, gains, rises))
             break;
 }
 
@@ -249,65 +250,95 @@ static void unpinch(uint8_t *rises, int64_t steps)
     }
 }
 
-/* Add up the triangles of a walk where the contours really are. */
-static void measure(const Path *low, const Path *high, const uint8_t *rises, double *measures)
+/* Return by how much area and volume exceed or miss what is expected, relatively.
+ *
+ * The volume is the flux of (0, 0, z) through the band and the caps at both ends.
+ */
+static double misfit_of(double area, double flux, const double *expected)
+{
+    const double excess = area / expected[0] - 1;
+    const double lack = fabs((flux + expected[3]) / expected[2] - 1);
+    return (excess < 0 ? 0.0 : excess) + VOLUME_WEIGHT * lack;
+}
+
+/* Add up the triangles of a walk where the contours really are. A pinched one fits nothing. */
+static void measure(const Path *low, const Path *high, const uint8_t *rises,
+                    const double *expected, double *fit)
 {
     const double shift_x = high->shift[0], shift_y = high->shift[1];
-    double area = 0.0, flux = 0.0;
+    const double height = high->z[0] - low->z[0];
+    double area = 0.0, upward[2] = {0.0, 0.0};
     int64_t row = 0, column = 0;
     for (int64_t step = 0; step < low->count + high->count; step++) {
         const int rise = rises[step];
-        const double x2 = high->x[column] + shift_x - low->x[row];
-        const double y2 = high->y[column] + shift_y - low->y[row];
-        const double z2 = high->z[column] - low->z[row];
-        const double x1 = (rise ? low->x[row + 1] : high->x[column + 1] + shift_x) - low->x[row];
-        const double y1 = (rise ? low->y[row + 1] : high->y[column + 1] + shift_y) - low->y[row];
-        const double z1 = (rise ? low->z[row + 1] : high->z[column + 1]) - low->z[row];
-        const double upward = x1 * y2 - y1 * x2;
-        const double side_x = y1 * z2 - z1 * y2, side_y = z1 * x2 - x1 * z2;
-        area += sqrt(upward * upward + side_x * side_x + side_y * side_y) / 2;
-        flux += (low->z[row] + (z1 + z2) / 3) * upward / 2;
+        const Path *edges = rise ? low : high;
+        const int64_t edge = rise ? row : column;
+        const double x = high->x[column] + shift_x - low->x[row];
+        const double y = high->y[column] + shift_y - low->y[row];
+        const double edge_x = edges->x[edge + 1] - edges->x[edge];
+        const double edge_y = edges->y[edge + 1] - edges->y[edge];
+        const double beside = edge_x * y - edge_y * x;
+        area += sqrt(beside * beside + height * height * (edge_x * edge_x + edge_y * edge_y)) / 2;
+        upward[rise] += beside / 2;
         row += rise;
         column += !rise;
     }
-    measures[0] = area;
-    measures[1] = flux;
+    const double run_z = high->z[0] - height / 3, rise_z = low->z[0] + height / 3;
+    const double flux = run_z * upward[0] + rise_z * upward[1];
+    fit[0] = is_pinched(rises, low->count + high->count) ? INFINITY : area;
+    fit[1] = flux;
+    fit[2] = misfit_of(fit[0], flux, expected);
 }
 
-/* Walk along all pairs, or improve the walks there are; return whether the memory sufficed. */
+/* Walk along a pair, or improve the walk there is. Keep what fits clearly better than that, or is
+ * the first; return whether the memory sufficed. */
+static int walk_along(const Work *work, Py_ssize_t band, int is_least, uint8_t *rises)
+{
+    int64_t *starts = work->starts + 2 * band, start[2] = {starts[0], starts[1]};
+    const int64_t below = count_of(work, work->pairs[2 * band]);
+    const int64_t above = count_of(work, work->pairs[2 * band + 1]);
+    const size_t steps = (size_t)(below + above), most = (10 + WINDOW) * (steps + 2) + 24 * REACH;
+    double *room = malloc((is_least ? most : 3 * (steps + 2)) * sizeof(double));
+    uint8_t *walk = malloc(steps);
+    const int has_room = room != NULL && walk != NULL;
+    if (has_room && !is_least)
+        choose_start(work, band, start);
+    if (has_room) {
+        const Path low = path_of(work, band, 0, start[0], room);
+        const Path high = path_of(work, band, 1, start[1], room + 3 * (below + 1));
+        double fit[FITS], *const known = work->fits + FITS * band;
+        if (is_least) {
+            memcpy(walk, rises, steps);
+            walk_least(&low, &high, room + 3 * (steps + 2), walk);
+            if (is_pinched(walk, below + above))
+                unpinch(walk, below + above);
+        } else {
+            walk_greedily(&low, &high, walk);
+        }
+        measure(&low, &high, walk, work->expected + EXPECTATIONS * band, fit);
+        if (starts[0] < 0 || fit[2] < WORTHWHILE * known[2] - TIE_OF_MISFITS) {
+            memcpy(starts, start, sizeof(start));
+            memcpy(rises, walk, steps);
+            memcpy(known, fit, sizeof(fit));
+        }
+    }
+    free(room);
+    free(walk);
+    return has_room;
+}
+
+/* Walk along all pairs that have no walk yet or a doubtful one, or improve all doubtful ones;
+ * return whether the memory sufficed. */
 static int walk_all(const Work *work, int is_least)
 {
     uint8_t *rises = work->rises;
-    for (Py_ssize_t band = 0; band < work->bands; band++) {
-        const int64_t below = count_of(work, work->pairs[2 * band]);
-        const int64_t above = count_of(work, work->pairs[2 * band + 1]);
-        const size_t vertices = (size_t)(below + above + 2);
-        double *room = malloc((is_least ? 10 : 3) * vertices * sizeof(double));
-        uint8_t *came = is_least ? malloc(vertices * WINDOW) : NULL;
-        if (room == NULL || (is_least && came == NULL)) {
-            free(room);
-            free(came);
-            return 0;
-        }
-        if (!is_least)
-            choose_start(work, band);
-        const Path low = path_of(work, band, 0, room);
-        const Path high = path_of(work, band, 1, room + 3 * (below + 1));
-        if (!is_least) {
-            walk_greedily(&low, &high, rises);
-        } else {
-            walk_least(&low, &high, room + 3 * vertices, came, rises);
-            if (is_pinched(rises, below + above))
-                unpinch(rises, below + above);
-        }
-        measure(&low, &high, rises, work->measures + 2 * band);
-        if (is_pinched(rises, below + above))
-            work->measures[2 * band] = INFINITY;
-        rises += below + above;
-        free(room);
-        free(came);
+    int has_room = 1;
+    for (Py_ssize_t band = 0; band < work->bands && has_room; band++) {
+        if (work->starts[2 * band] < 0 || work->fits[FITS * band + 2] > DOUBTFUL_MISFIT)
+            has_room = walk_along(work, band, is_least, rises);
+        rises += count_of(work, work->pairs[2 * band]) + count_of(work, work->pairs[2 * band + 1]);
     }
-    return 1;
+    return has_room;
 }
 
 /* What a contour measures. */
@@ -352,7 +383,13 @@ static double swept_area(const Work *work, int64_t ring, const double *shift)
     return area;
 }
 
-/* Write what each pair of contours suggests of the band between them, see walking.py. */
+/* Write what each pair of contours suggests of the band between them:
+ *
+ * its area, were one contour the other's image, scaled; what a shift from one centroid to the other
+ * would add to that, relatively; the volume between the contours, negative for holes; what the caps
+ * contribute to it, see `misfit_of`; the area of a surface that is level where the contours differ
+ * and upright elsewhere, did one contain the other (it is larger else); and the shift, x and y.
+ */
 static void expect_all(const Work *work, double *expected)
 {
     for (Py_ssize_t band = 0; band < work->bands; band++, expected += EXPECTATIONS) {
@@ -419,7 +456,7 @@ static const char EXPECTED[] =
     "Expected contours with vertices, pairs of them, and arrays that agree";
 
 static const ArrayKind POINTS = {"points", 'd', 3, 0}, FIRST = {"first", 'q', 0, 0};
-static const ArrayKind PAIRS = {"pairs", 'q', 2, 0}, SHIFTS = {"shifts", 'd', 2, 0};
+static const ArrayKind PAIRS = {"pairs", 'q', 2, 0};
 
 /* Tell whether contours, pairs of them and so many vertices and steps agree. */
 static int are_consistent(const Work *work, const Py_buffer *first, Py_ssize_t vertices,
@@ -471,23 +508,26 @@ static int are_divisions(const Work *work, const Divisions *divisions, const Py_
 static PyObject *walk(PyObject *const *arguments, Py_ssize_t count, int is_least)
 {
     const ArrayKind expected[] = {
-        POINTS, FIRST, PAIRS, SHIFTS,
-        {"starts", 'q', 2, 1}, {"rises", '?', 0, 1}, {"measures", 'd', 2, 1},
+        POINTS, FIRST, PAIRS, {"expected", 'd', EXPECTATIONS, 0}, {"starts", 'q', 2, 1},
+        {"rises", '?', 0, 1}, {"fits", 'd', FITS, 1}, {"shifts", 'd', 2, 0},
     };
-    Py_buffer views[7];
-    if (!get_arrays(arguments, count, expected, 7, views))
+    const int arrays = is_least ? 7 : 8;
+    Py_buffer views[8];
+    if (!get_arrays(arguments, count, expected, arrays, views))
         return NULL;
     const Work work = {.points = views[0].buf, .first = views[1].buf, .pairs = views[2].buf,
-                       .shifts = views[3].buf, .starts = views[4].buf, .rises = views[5].buf,
-                       .measures = views[6].buf, .bands = views[2].shape[0]};
-    int good = views[3].shape[0] == work.bands && views[4].shape[0] == work.bands
-               && views[6].shape[0] == work.bands, is_done = 1;
+                       .expected = views[3].buf, .starts = views[4].buf, .rises = views[5].buf,
+                       .fits = views[6].buf, .shifts = is_least ? NULL : views[7].buf,
+                       .bands = views[2].shape[0]};
+    int good = 1, is_done = 1;
+    for (int array = 3; array < arrays; array++)
+        good = good && (array == 5 || views[array].shape[0] == work.bands);
     good = good && are_consistent(&work, &views[1], views[0].shape[0], views[5].shape[0])
            && (!is_least || are_walks(&work));
     Py_BEGIN_ALLOW_THREADS
     is_done = !good || walk_all(&work, is_least);
     Py_END_ALLOW_THREADS
-    return ended(views, 7, good, is_done, EXPECTED);
+    return ended(views, arrays, good, is_done, EXPECTED);
 }
 
 static PyObject *greedy(PyObject *module, PyObject *const *arguments, Py_ssize_t count)

@@ -5,20 +5,21 @@ def greedy(
     points: NDArray[np.float64],
     first: NDArray[np.int64],
     pairs: NDArray[np.int64],
-    shifts: NDArray[np.float64],
+    expected: NDArray[np.float64],
     starts: NDArray[np.int64],
     rises: NDArray[np.bool_],
-    measures: NDArray[np.float64],
+    fits: NDArray[np.float64],
+    shifts: NDArray[np.float64],
     /,
 ) -> None: ...
 def least(
     points: NDArray[np.float64],
     first: NDArray[np.int64],
     pairs: NDArray[np.int64],
-    shifts: NDArray[np.float64],
+    expected: NDArray[np.float64],
     starts: NDArray[np.int64],
     rises: NDArray[np.bool_],
-    measures: NDArray[np.float64],
+    fits: NDArray[np.float64],
     /,
 ) -> None: ...
 def expect(

@@ -13,12 +13,10 @@ from momrec_core.rings import Rings, counts_of
 
 __all__ = ["Bands", "walk_bands"]
 
-VOLUME_WEIGHT = 5.0  # of a band's error in volume against one in area
-DOUBTFUL_MISFIT = 0.05  # bands above are worth the second look
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
+SLANT, STEPPED, SHIFTS = 1, 4, slice(5, 7)  # columns of what `expect` writes
+AREA, MISFIT = 0, 2  # columns of how bands fit
 WASTEFUL = 1.3  # times a stepped surface's area: a band above leads nowhere, a slanted one is below
-WORTHWHILE = 0.8  # of a misfit: least area that gains less smooths rough contours, no more
-TIE = 1e-6  # of a misfit: walks that fit better by less do so by rounding
 
 
 def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
@@ -52,28 +50,36 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     polygonal element mosaics, 1978 (reference 18 of the paper). H. Fuchs, Z. M. Kedem and
     S. P. Uselton, Optimal surface reconstruction from planar contours, 1977.
     """
-    expected = _Expectations.of(rings, pairs)
-    walks = _walk(rings, pairs, np.zeros_like(expected.shift))
-    misfits = _misfits(walks, expected)
-    doubtful = misfits > DOUBTFUL_MISFIT
-    better, misfits[doubtful] = _second_look(
-        rings, walks[doubtful], misfits[doubtful], expected[doubtful]
-    )
-    walks = walks.replaced(doubtful, better)
-    is_poor = misfits > POOR_MISFIT + expected.slant
-    slanted = (misfits > POOR_MISFIT) & ~is_poor
-    is_poor[slanted] = _are_wasteful(rings, walks[slanted], expected.stepped[slanted])
-    return Bands(rings, walks, is_poor)
+    count = len(pairs)
+    expected, fits = np.empty((count, 7)), np.empty((count, 3))
+    starts = np.full((count, 2), -1)
+    rises = np.empty(counts_of(rings.first)[pairs].sum(), dtype=bool)
+    expect(rings.points, rings.first, pairs, expected)
+    walks = rings.points, rings.first, pairs, expected, starts, rises, fits
+    greedy(*walks, np.zeros((count, 2)))
+    least(*walks)
+    greedy(*walks, expected[:, SHIFTS].copy())
+    return Bands(rings, pairs, starts, rises, _are_poor(rings, pairs, expected, fits))
 
 
-def _are_wasteful(rings: Rings, walks: _Walks, stepped: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which bands lead nowhere: larger than stepped surfaces, whose least areas are given."""
-    areas = walks.measures[:, 0]
-    wasteful = np.flatnonzero(areas > WASTEFUL * stepped)
-    excess = [_excess(*(_region(rings, ring) for ring in pair)) for pair in walks.pairs[wasteful]]
-    is_wasteful = np.zeros(len(areas), dtype=bool)
-    is_wasteful[wasteful] = areas[wasteful] > WASTEFUL * (stepped[wasteful] + np.array(excess))
-    return is_wasteful
+def _are_poor(
+    rings: Rings,
+    pairs: NDArray[np.int64],
+    expected: NDArray[np.float64],
+    fits: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Tell which bands do not follow their contours' surface.
+
+    A slanted one does unless it leads nowhere: is larger than a stepped surface.
+    """
+    areas, misfits, stepped = fits[:, AREA], fits[:, MISFIT], expected[:, STEPPED]
+    is_poor = misfits > POOR_MISFIT
+    slanted = np.flatnonzero(is_poor & (misfits <= POOR_MISFIT + expected[:, SLANT]))
+    is_poor[slanted] = False
+    wasteful = slanted[areas[slanted] > WASTEFUL * stepped[slanted]]
+    excess = [_excess(*(_region(rings, ring) for ring in pair)) for pair in pairs[wasteful]]
+    is_poor[wasteful] = areas[wasteful] > WASTEFUL * (stepped[wasteful] + np.array(excess))
+    return is_poor
 
 
 def _excess(below: CrossSection, above: CrossSection) -> float:
@@ -86,49 +92,6 @@ def _region(rings: Rings, ring: int) -> CrossSection:
 
 
 @dataclass(frozen=True, eq=False)
-class _Walks:
-    """Bands as walks around both their contours.
-
-    Attributes
-    ----------
-    pairs : array of int, shape (bands, 2)
-        The contours below and above.
-    starts : array of int, shape (bands, 2)
-        At which of their vertices the walks begin and end.
-    steps : array of int, shape (bands,)
-        How many steps each walk has: the number of edges of both contours.
-    rises : array of bool, shape (sum of steps,)
-        Walk by walk, True for a step below and False for one above.
-    measures : array, shape (bands, 2)
-        Each band's area, infinite for one that is pinched (it goes around one contour in one go,
-        and so uses an edge across twice), and the flux of (0, 0, z) upward through it.
-    """
-
-    pairs: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    steps: NDArray[np.int64]
-    rises: NDArray[np.bool_]
-    measures: NDArray[np.float64]
-
-    def __getitem__(self, chosen: NDArray[np.bool_]) -> _Walks:
-        return _Walks(
-            self.pairs[chosen],
-            self.starts[chosen],
-            self.steps[chosen],
-            self.rises[np.repeat(chosen, self.steps)],
-            self.measures[chosen],
-        )
-
-    def replaced(self, chosen: NDArray[np.bool_], others: _Walks) -> _Walks:
-        """Return the walks with others along the same pairs in the places of some."""
-        starts, rises, measures = self.starts.copy(), self.rises.copy(), self.measures.copy()
-        starts[chosen] = others.starts
-        rises[np.repeat(chosen, self.steps)] = others.rises
-        measures[chosen] = others.measures
-        return _Walks(self.pairs, starts, self.steps, rises, measures)
-
-
-@dataclass(frozen=True, eq=False)
 class Bands:
     """Bands of triangles between pairs of contours.
 
@@ -136,14 +99,21 @@ class Bands:
     ----------
     rings : Rings
         The contours.
-    walks : _Walks
-        How the bands go around them.
+    pairs : array of int, shape (bands, 2)
+        The contours below and above.
+    starts : array of int, shape (bands, 2)
+        At which of their vertices the bands begin and end.
+    rises : array of bool, shape (n,)
+        Band by band, True for each step below and False for each one above: as many as both
+        contours have edges.
     is_poor : array of bool, shape (bands,)
         Where even the best band is far from what its contours suggest.
     """
 
     rings: Rings
-    walks: _Walks
+    pairs: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    rises: NDArray[np.bool_]
     is_poor: NDArray[np.bool_]
 
     def triangles(
@@ -169,109 +139,11 @@ class Bands:
         -------
         triangles : array of int, shape (k + j, 3)
         """
-        walks = self.walks
-        count = counts_of(ends[self.rings.first])[walks.pairs[is_chosen]].sum()
+        count = counts_of(ends[self.rings.first])[self.pairs[is_chosen]].sum()
         triangles = np.empty((count + len(others), 3), dtype=np.int64)
         lay(
-            *(self.rings.first, walks.pairs, walks.starts, walks.rises),
+            *(self.rings.first, self.pairs, self.starts, self.rises),
             *(is_chosen, order, ends, triangles[:count]),
         )
         triangles[count:] = others
         return triangles
-
-
-def _walk(rings: Rings, pairs: NDArray[np.int64], shifts: NDArray[np.float64]) -> _Walks:
-    """Walk along all pairs of contours, those above shifted back, by the shorter diagonals."""
-    steps = rings.counts[pairs].sum(axis=1)
-    starts = np.empty_like(pairs)
-    rises = np.empty(steps.sum(), dtype=bool)
-    measures = np.empty((len(pairs), 2))
-    greedy(rings.points, rings.first, pairs, shifts, starts, rises, measures)
-    return _Walks(pairs, starts, steps, rises, measures)
-
-
-def _of_least_area(rings: Rings, walks: _Walks) -> _Walks:
-    """Improve walks, those along the contours as they lie."""
-    starts, rises, measures = walks.starts.copy(), walks.rises.copy(), walks.measures.copy()
-    unshifted = np.zeros(measures.shape)
-    least(rings.points, rings.first, walks.pairs, unshifted, starts, rises, measures)
-    return _Walks(walks.pairs, starts, walks.steps, rises, measures)
-
-
-@dataclass(frozen=True, eq=False)
-class _Expectations:
-    """What pairs of contours and their distances suggest of the bands between them.
-
-    Attributes
-    ----------
-    area : array, shape (bands,)
-        Of the band, were one contour the other's image, scaled.
-    slant : array, shape (bands,)
-        What a shift from one centroid to the other would add to the area, relatively.
-    volume : array, shape (bands,)
-        Between the contours; negative for holes.
-    base : array, shape (bands,)
-        What the caps contribute to the volume, see `_misfits`.
-    stepped : array, shape (bands,)
-        Area of a surface that is level where the contours differ and upright elsewhere, did one
-        contain the other; it is larger else.
-    shift : array, shape (bands, 2)
-        From the centroid below to the one above.
-    """
-
-    area: NDArray[np.float64]
-    slant: NDArray[np.float64]
-    volume: NDArray[np.float64]
-    base: NDArray[np.float64]
-    stepped: NDArray[np.float64]
-    shift: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, rings: Rings, pairs: NDArray[np.int64]) -> _Expectations:
-        columns = np.empty((len(pairs), 7))
-        expect(rings.points, rings.first, pairs, columns)
-        area, slant, volume, base, stepped = columns[:, :5].T
-        return cls(area, slant, volume, base, stepped, np.ascontiguousarray(columns[:, 5:]))
-
-    def __getitem__(self, chosen: NDArray[np.bool_]) -> _Expectations:
-        return _Expectations(
-            self.area[chosen],
-            self.slant[chosen],
-            self.volume[chosen],
-            self.base[chosen],
-            self.stepped[chosen],
-            self.shift[chosen],
-        )
-
-
-def _misfits(walks: _Walks, expected: _Expectations) -> NDArray[np.float64]:
-    """Return, per band, how much area and volume exceed or miss what is expected, relatively.
-
-    The volume is the flux of (0, 0, z) through the band and the caps at both ends. A pinched band
-    fits nothing.
-    """
-    areas, fluxes = walks.measures.T
-    excess = np.maximum(areas / expected.area - 1, 0.0)
-    lack = np.abs((fluxes + expected.base) / expected.volume - 1)
-    return np.asarray(excess + VOLUME_WEIGHT * lack)
-
-
-def _second_look(
-    rings: Rings, walks: _Walks, misfits: NDArray[np.float64], expected: _Expectations
-) -> tuple[_Walks, NDArray[np.float64]]:
-    """Return walks that fit better where there are some, and their misfits."""
-    for others in (_of_least_area(rings, walks), _walk(rings, walks.pairs, expected.shift)):
-        walks, misfits = _better(walks, misfits, others, _misfits(others, expected))
-    return walks, misfits
-
-
-def _better(
-    walks: _Walks,
-    misfits: NDArray[np.float64],
-    others: _Walks,
-    other_misfits: NDArray[np.float64],
-) -> tuple[_Walks, NDArray[np.float64]]:
-    """Return the clearly better of two walks along each pair, else the first, and its misfit."""
-    is_better = other_misfits < WORTHWHILE * misfits - TIE
-    better = walks.replaced(is_better, others[is_better])
-    return better, np.where(is_better, other_misfits, misfits)

@@ -30,14 +30,30 @@ def pair_of(low, high):
     return Rings(points, np.array([0, len(low), len(points)]))
 
 
-def walked(how, rings, shift=(0.0, 0.0)):
-    starts = np.empty((1, 2), dtype=np.int64)
+def arrays_for(rings):
+    """Return what walks are made of: the rings, their pair and what it suggests, and no walk."""
+    pairs, expected = np.array([[0, 1]]), np.empty((1, 7))
+    expect(rings.points, rings.first, pairs, expected)
     rises = np.empty(len(rings.points), dtype=bool)
-    measures = np.empty((1, 2))
-    pairs = np.array([[0, 1]])
-    for way in (greedy, least) if how is least else (greedy,):
-        way(rings.points, rings.first, pairs, np.array([shift]), starts, rises, measures)
-    return starts[0], rises, measures[0]
+    return [
+        rings.points,
+        rings.first,
+        pairs,
+        expected,
+        np.array([[-1, -1]]),
+        rises,
+        np.empty((1, 3)),
+    ]
+
+
+def walked(how, rings, shift=(0.0, 0.0)):
+    arrays = arrays_for(rings)
+    *_, starts, rises, fits = arrays
+    greedy(*arrays, np.array([shift]))
+    if how is least:
+        fits[0, 2] = np.inf
+        least(*arrays)
+    return starts[0], rises, fits[0, :2]
 
 
 def triangles_of(rings, starts, rises):
@@ -308,40 +324,49 @@ def test_only_walks_around_their_contours_are_laid():
         (lambda arrays: [*arrays[:2], arrays[2] + 1, *arrays[3:]], ValueError),
         (lambda arrays: [*arrays[:2], arrays[2] - 1, *arrays[3:]], ValueError),
         (lambda arrays: [*arrays[:5], arrays[5][:-1].copy(), arrays[6]], ValueError),
+        (lambda arrays: [*arrays[:3], arrays[3][:0], *arrays[4:]], ValueError),
         (lambda arrays: [*arrays[:4], arrays[4][:0], *arrays[5:]], ValueError),
+        (lambda arrays: [*arrays[:6], arrays[6][:0]], ValueError),
         (lambda arrays: [arrays[0][::2], *arrays[1:]], (ValueError, BufferError)),
     ],
 )
 def test_arrays_that_do_not_agree_are_refused(change, error):
     rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
-    arrays = [
-        rings.points,
-        rings.first,
-        np.array([[0, 1]]),
-        np.zeros((1, 2)),
-        np.empty((1, 2), dtype=np.int64),
-        np.empty(9, dtype=bool),
-        np.empty((1, 2)),
-    ]
-    for how in (greedy, least):
-        with pytest.raises(error):
-            how(*change(arrays))
+    arrays = arrays_for(rings)
+    with pytest.raises(error):
+        greedy(*change(arrays), np.zeros((1, 2)))
+    greedy(*arrays, np.zeros((1, 2)))
+    with pytest.raises(error):
+        least(*change(arrays))
 
 
 def test_only_walks_around_their_contours_are_improved():
     rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
-    pairs, shifts, measures = np.array([[0, 1]]), np.zeros((1, 2)), np.empty((1, 2))
+    *inputs, _, _, fits = arrays_for(rings)
     for starts, risen in (([[5, 0]], 5), ([[0, 4]], 5), ([[-1, 0]], 5), ([[0, 0]], 4)):
         rises = np.arange(9) < risen
         with pytest.raises(ValueError, match="arrays that agree"):
-            least(rings.points, rings.first, pairs, shifts, np.array(starts), rises, measures)
+            least(*inputs, np.array(starts), rises, fits)
+
+
+def test_only_doubtful_walks_are_replaced_and_only_by_those_that_fit_clearly_better():
+    rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
+    arrays = arrays_for(rings)
+    *_, starts, rises, fits = arrays
+    greedy(*arrays, np.zeros((1, 2)))
+    (area, flux, misfit), (likely, _, volume, base, *_) = fits[0], arrays[3][0]
+    assert misfit == pytest.approx(area / likely - 1 + 5 * abs((flux + base) / volume - 1))
+    assert area > likely
+    assert misfit > 0.05
+    for known, is_kept in ((0.049, True), (misfit / 0.81, True), (misfit / 0.79, False)):
+        starts[:], rises[:], fits[:] = 0, np.arange(9) < 5, (7.0, 7.0, known)
+        greedy(*arrays, np.zeros((1, 2)))
+        assert (fits[0, 0] == 7.0) == is_kept
 
 
 def test_read_only_results_are_refused():
     rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
-    rises = np.empty(9, dtype=bool)
-    rises.flags.writeable = False
-    starts, measures = np.empty((1, 2), dtype=np.int64), np.empty((1, 2))
-    pairs, shifts = np.array([[0, 1]]), np.zeros((1, 2))
+    arrays = arrays_for(rings)
+    arrays[5].flags.writeable = False
     with pytest.raises((ValueError, BufferError)):
-        greedy(rings.points, rings.first, pairs, shifts, starts, rises, measures)
+        greedy(*arrays, np.zeros((1, 2)))
