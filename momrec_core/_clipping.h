@@ -42,7 +42,6 @@ typedef struct {
     const double *points; /* (count, 2) */
     int64_t *next, *ring; /* (count,) */
     int64_t *first;       /* (rings + 1,) */
-    Box box;
 } Edges;
 
 typedef struct {
@@ -53,6 +52,7 @@ typedef struct {
 
 /* Edges, entered in the cells of a grid over their box. */
 typedef struct {
+    Box box;
     int64_t counts[2]; /* columns and rows */
     double per_unit[2];
     int64_t *ends; /* cell i has entries[ends[i]] up to entries[ends[i + 1]] */
@@ -153,9 +153,6 @@ static inline int lay_out(Edges *edges, List *memory, const Regions *from, int64
     edges->first = reserved(&memory[2], (size_t)edges->rings + 1, sizeof(int64_t));
     if (!edges->next || !edges->ring || !edges->first)
         return 0;
-    edges->box = EMPTY;
-    for (int64_t vertex = 0; vertex < edges->count; vertex++)
-        include(&edges->box, edges->points + 2 * vertex);
     for (int64_t ring = 0; ring < edges->rings; ring++) {
         const int64_t begin = rings[ring] - rings[0], end = rings[ring + 1] - rings[0];
         edges->first[ring] = begin;
@@ -299,7 +296,7 @@ static inline int boxes_meet(const Box *one, const Box *other)
 static inline void find_cell(const Outline *outline, const double *corner, int64_t *cell)
 {
     for (int axis = 0; axis < 2; axis++) {
-        const double place = (corner[axis] - outline->edges.box.low[axis])
+        const double place = (corner[axis] - outline->grid.box.low[axis])
                              * outline->grid.per_unit[axis];
         const double last = (double)(outline->grid.counts[axis] - 1);
         cell[axis] = (int64_t)greater(0.0, lesser(place, last));
@@ -317,8 +314,8 @@ static inline void choose_cells(Outline *outline)
             spans[axis] += box.high[axis] - box.low[axis];
         areas += (box.high[0] - box.low[0]) * (box.high[1] - box.low[1]);
     }
-    const double extents[2] = {edges->box.high[0] - edges->box.low[0],
-                               edges->box.high[1] - edges->box.low[1]};
+    const Box *all = &outline->grid.box;
+    const double extents[2] = {all->high[0] - all->low[0], all->high[1] - all->low[1]};
     const double whole = extents[0] * extents[1], count = (double)edges->count;
     const double shared = areas > 0 ? count * whole / areas : INFINITY;
     const double fair = lesser(sqrt(lesser(count / EDGES_A_CELL, shared)), MOST_ROWS);
@@ -334,6 +331,9 @@ static inline void choose_cells(Outline *outline)
 static inline int enter_edges(Outline *outline)
 {
     Grid *grid = &outline->grid;
+    grid->box = EMPTY;
+    for (int64_t vertex = 0; vertex < outline->edges.count; vertex++)
+        include(&grid->box, outline->edges.points + 2 * vertex);
     choose_cells(outline);
     const size_t cells = (size_t)(grid->counts[0] * grid->counts[1]);
     grid->ends = reserved(&outline->cells, cells + 2, sizeof(int64_t));
@@ -399,7 +399,7 @@ static inline Outcome find_crossings(Room *room, const Side *sides, const Outlin
             entry.box.low[axis] = (entry.box.low[axis] - shift[axis] - 2 * tolerance) * per_scale;
             entry.box.high[axis] = (entry.box.high[axis] - shift[axis] + 2 * tolerance) * per_scale;
         }
-        if (!boxes_meet(&entry.box, &outline->edges.box))
+        if (!boxes_meet(&entry.box, &outline->grid.box))
             continue;
         find_cell(outline, entry.box.low, entry.first);
         find_cell(outline, entry.box.high, last);
@@ -456,19 +456,23 @@ static inline Outcome link_crossings(Room *room, const Edges *edges, int which, 
     return DONE;
 }
 
-static inline int add_vertex(Room *room, const Side *side, int64_t vertex)
+/* Add vertices of a side, one behind the other, from one to another. */
+static inline int add_vertices(Room *room, const Side *side, int64_t first, int64_t last)
 {
-    double point[2];
-    find_vertex(side, vertex, point);
-    return add_point(room, point);
+    const size_t before = room->points.count, count = before + (size_t)(last - first);
+    double *points = reserved(&room->points, count, 2 * sizeof(double));
+    if (points == NULL)
+        return 0;
+    for (int64_t vertex = first; vertex < last; vertex++)
+        find_vertex(side, vertex, points + 2 * ((int64_t)before + vertex - first));
+    room->points.count = count;
+    return 1;
 }
 
 static inline int add_ring(Room *room, const Side *side, int64_t ring)
 {
-    for (int64_t vertex = side->edges->first[ring]; vertex < side->edges->first[ring + 1]; vertex++)
-        if (!add_vertex(room, side, vertex))
-            return 0;
-    return add_end(&room->rings, room->points.count);
+    const int64_t *ends = side->edges->first + ring;
+    return add_vertices(room, side, ends[0], ends[1]) && add_end(&room->rings, room->points.count);
 }
 
 /* Add the rings of a side that cross nothing and lie inside the other side. */
@@ -487,15 +491,11 @@ static inline int add_whole_rings(Room *room, const Side *side, const Side *othe
 static inline int add_part(Room *room, const Side *side, int which, const Crossing *from,
                            const Crossing *to)
 {
-    int64_t edge = from->edge[which];
-    if (edge == to->edge[which] && from->at[which] < to->at[which])
-        return 1;
-    do {
-        edge = side->edges->next[edge];
-        if (!add_vertex(room, side, edge))
-            return 0;
-    } while (edge != to->edge[which]);
-    return 1;
+    const int64_t first = from->edge[which] + 1, last = to->edge[which] + 1;
+    if (first < last || (first == last && from->at[which] < to->at[which]))
+        return add_vertices(room, side, first, last);
+    const int64_t *ends = side->edges->first + side->edges->ring[to->edge[which]];
+    return add_vertices(room, side, first, ends[1]) && add_vertices(room, side, ends[0], last);
 }
 
 /* Follow the first side inside the second one, and the second inside the first, in turn. */
