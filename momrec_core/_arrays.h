@@ -87,10 +87,10 @@ static inline Py_buffer *get_tables(PyObject *tables, const ArrayKind *kinds, in
 /* Tell whether numbers are not negative and below an end. */
 static inline int are_within(const int64_t *numbers, Py_ssize_t count, int64_t end)
 {
-    int within = 1;
+    uint64_t outside = 0; /* the highest bit tells: what is below 0, or beyond the last, has it */
     for (Py_ssize_t place = 0; place < count; place++)
-        within &= (numbers[place] >= 0) & (numbers[place] < end);
-    return within;
+        outside |= (uint64_t)numbers[place] | ((uint64_t)end - 1 - (uint64_t)numbers[place]);
+    return !(outside >> 63);
 }
 
 /* Tell whether numbers increase from 0 to a last one, each by so much at the least. */

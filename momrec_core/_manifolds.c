@@ -16,12 +16,21 @@ typedef struct {
 /* Triangles, some of which may share edges with more than one other. */
 typedef struct {
     const int64_t *corners; /* (count, 3) */
+    const double *points;   /* (vertices, 3) */
     Py_ssize_t count, sound, vertices;
-    uint8_t *is_crowded; /* (count,), out: whether a triangle has such an edge */
+    uint8_t *is_crowded; /* (count,): whether a triangle has such an edge */
     uint8_t *is_met;     /* (vertices,): whether any but the sound triangles use a vertex */
     int64_t *ends;       /* (vertices + 1,) */
     int64_t *uses;       /* (vertices,) */
 } Triangles;
+
+/* Crowded triangles to take with those that are not, and what is taken. */
+typedef struct {
+    const int64_t *rows; /* (count,) */
+    Py_ssize_t count;
+    double *points;      /* (vertices, 3), out */
+    int64_t *triangles;  /* (taken, 3), out */
+} Chosen;
 
 /* Count the sides that any but sound triangles may share by their lesser vertices, or enter them
  * with these; return how many there are.
@@ -89,28 +98,42 @@ static int find_crowded(Triangles *all)
     return fits;
 }
 
-/* Take some triangles, their vertices numbered anew, without those that none of them uses. */
-static int take_triangles(const Triangles *all, const int64_t *restrict rows, Py_ssize_t count,
-                          uint8_t *restrict is_used, int64_t *restrict taken)
+/* Copy a triangle and mark the vertices that it uses. */
+static void copy_triangle(const int64_t *restrict corners, int64_t *restrict copy,
+                          int64_t *restrict is_used)
 {
-    const int64_t *const restrict corners = all->corners;
-    int64_t *const restrict numbers = malloc((size_t)all->vertices * sizeof(int64_t) + 1);
-    if (numbers == NULL)
-        return 0;
-    memset(is_used, 0, (size_t)all->vertices);
-    for (Py_ssize_t row = 0; row < count; row++)
-        for (int corner = 0; corner < 3; corner++)
-            is_used[corners[3 * rows[row] + corner]] = 1;
-    int64_t number = 0;
-    for (Py_ssize_t vertex = 0; vertex < all->vertices; vertex++) {
-        numbers[vertex] = number;
-        number += is_used[vertex];
+    for (int corner = 0; corner < 3; corner++) {
+        copy[corner] = corners[corner];
+        is_used[corners[corner]] = 1;
     }
-    for (Py_ssize_t row = 0; row < count; row++)
-        for (int corner = 0; corner < 3; corner++)
-            taken[3 * row + corner] = numbers[corners[3 * rows[row] + corner]];
+}
+
+/* Take the triangles that are not crowded, then some others, and the points that these use; return
+ * how many points these are, or -1 where memory doesn't suffice.
+ */
+static int64_t take_triangles(const Triangles *all, const Chosen *chosen)
+{
+    int64_t *const restrict numbers = calloc((size_t)all->vertices + 1, sizeof(int64_t));
+    if (numbers == NULL)
+        return -1;
+    int64_t *end = chosen->triangles;
+    for (Py_ssize_t triangle = 0; triangle < all->count; triangle++)
+        if (!all->is_crowded[triangle]) {
+            copy_triangle(all->corners + 3 * triangle, end, numbers);
+            end += 3;
+        }
+    for (Py_ssize_t row = 0; row < chosen->count; row++, end += 3)
+        copy_triangle(all->corners + 3 * chosen->rows[row], end, numbers);
+    int64_t points = 0;
+    for (Py_ssize_t vertex = 0; vertex < all->vertices; vertex++)
+        if (numbers[vertex]) {
+            memcpy(chosen->points + 3 * points, all->points + 3 * vertex, 3 * sizeof(double));
+            numbers[vertex] = points++;
+        }
+    for (int64_t *restrict corner = chosen->triangles; corner < end; corner++)
+        *corner = numbers[*corner];
     free(numbers);
-    return 1;
+    return points;
 }
 
 /* --- Python ------------------------------------------------------------------------------- */
@@ -152,11 +175,24 @@ static PyObject *crowded(PyObject *module, PyObject *const *arguments, Py_ssize_
     return ended(views, TRIANGLE_ARRAYS, good, fits, EXPECTED);
 }
 
-enum { ROWS = TRIANGLE_ARRAYS - 1, IS_USED, TAKEN, TAKEN_ARRAYS };
+enum { IS_LEFT_OUT = TRIANGLE_ARRAYS - 1, ROWS, POINTS, TAKEN_POINTS, TAKEN, TAKEN_ARRAYS };
 
 static const ArrayKind TAKEN_KINDS[TAKEN_ARRAYS] = {
-    {"triangles", 'q', 3, 0}, {"rows", 'q', 0, 0}, {"is_used", '?', 0, 1}, {"taken", 'q', 3, 1},
+    {"triangles", 'q', 3, 0}, {"is_crowded", '?', 0, 0}, {"rows", 'q', 0, 0},
+    {"points", 'd', 3, 0},    {"taken_points", 'd', 3, 1}, {"taken", 'q', 3, 1},
 };
+
+/* Tell whether the rows are some, and there is room for as many triangles and points as needed. */
+static int are_chosen(const Triangles *all, const Chosen *chosen, const Py_buffer *views)
+{
+    Py_ssize_t taken = chosen->count;
+    if (views[IS_LEFT_OUT].shape[0] != all->count)
+        return 0;
+    for (Py_ssize_t triangle = 0; triangle < all->count; triangle++)
+        taken += !all->is_crowded[triangle];
+    return views[TAKEN].shape[0] == taken && views[TAKEN_POINTS].shape[0] == all->vertices
+           && are_within(chosen->rows, chosen->count, all->count);
+}
 
 static PyObject *take(PyObject *module, PyObject *const *arguments, Py_ssize_t count)
 {
@@ -165,22 +201,26 @@ static PyObject *take(PyObject *module, PyObject *const *arguments, Py_ssize_t c
     if (!get_arrays(arguments, count, TAKEN_KINDS, TAKEN_ARRAYS, views))
         return NULL;
     const Triangles all = {.corners = views[CORNERS].buf, .count = views[CORNERS].shape[0],
-                           .vertices = views[IS_USED].shape[0]};
-    const int64_t *rows = views[ROWS].buf;
-    const Py_ssize_t chosen = views[ROWS].shape[0];
-    const int good = are_triangles(&all) && views[TAKEN].shape[0] == chosen
-                     && are_within(rows, chosen, all.count);
-    int fits = 1;
+                           .points = views[POINTS].buf, .vertices = views[POINTS].shape[0],
+                           .is_crowded = views[IS_LEFT_OUT].buf};
+    const Chosen chosen = {.rows = views[ROWS].buf, .count = views[ROWS].shape[0],
+                           .points = views[TAKEN_POINTS].buf, .triangles = views[TAKEN].buf};
+    const int good = are_triangles(&all) && are_chosen(&all, &chosen, views);
+    int64_t points = 0;
     Py_BEGIN_ALLOW_THREADS
-    fits = !good || take_triangles(&all, rows, chosen, views[IS_USED].buf, views[TAKEN].buf);
+    if (good)
+        points = take_triangles(&all, &chosen);
     Py_END_ALLOW_THREADS
-    return ended(views, TAKEN_ARRAYS, good, fits, EXPECTED);
+    PyObject *const none = ended(views, TAKEN_ARRAYS, good, points >= 0, EXPECTED);
+    if (none == NULL)
+        return NULL;
+    Py_DECREF(none);
+    return PyLong_FromLongLong(points);
 }
 
 static PyMethodDef METHODS[] = {
     METHOD(crowded, "Tell which triangles have an edge that more than two share."),
-    METHOD(take,
-           "Take some triangles, their vertices numbered anew without those that none uses."),
+    METHOD(take, "Take triangles and the points that they use; return how many points."),
     {NULL, NULL, 0, NULL},
 };
 

@@ -10,8 +10,10 @@ def crowded(
 ) -> None: ...
 def take(
     triangles: NDArray[np.int64],
+    is_crowded: NDArray[np.bool_],
     rows: NDArray[np.int64],
-    is_used: NDArray[np.bool_],
+    points: NDArray[np.float64],
+    taken_points: NDArray[np.float64],
     taken: NDArray[np.int64],
     /,
-) -> None: ...
+) -> int: ...

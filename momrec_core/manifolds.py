@@ -46,7 +46,10 @@ def double_shared_edges(
     if len(suspicious) == 0:
         return points, triangles
     kept = suspicious[_are_no_flaps(triangles[suspicious])]
-    points, triangles = _taken(points, triangles, np.append(np.flatnonzero(~is_crowded), kept))
+    taken_points = np.empty_like(points)
+    taken = np.empty((len(triangles) - len(suspicious) + len(kept), 3), dtype=np.int64)
+    count = take(triangles, is_crowded, kept, points, taken_points, taken)
+    points, triangles = taken_points[:count], taken
     if len(kept) < FEWEST_AROUND:
         return points, triangles
     whole, suspects = np.split(triangles, [len(triangles) - len(kept)])
@@ -121,16 +124,6 @@ def _are_no_flaps(triangles: NDArray[np.int64]) -> list[bool]:
     for key, count in zip(keys, rises.tolist(), strict=True):
         balance[key] += 1 if count > 1 else -1
     return [balance[key] != 0 for key in keys]
-
-
-def _taken(
-    points: NDArray[np.float64], triangles: NDArray[np.int64], rows: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return some of the triangles, and the points that these use."""
-    is_used = np.empty(len(points), dtype=bool)
-    taken = np.empty((len(rows), 3), dtype=np.int64)
-    take(triangles, rows, is_used, taken)
-    return points.take(np.flatnonzero(is_used), axis=0), taken
 
 
 def _fan(triangle: NDArray[np.int64], inserted: dict[int, int]) -> NDArray[np.int64]:

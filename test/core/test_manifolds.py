@@ -121,14 +121,15 @@ def test_triangles_that_do_not_fit_are_refused(place, value, error):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 20))
-def test_triangles_that_are_taken_keep_their_places_with_the_points_they_use(seed, count):
+def test_triangles_that_are_taken_come_with_the_points_they_use(seed, count):
     rng = np.random.default_rng(seed)
     points, triangles = rng.normal(size=(15, 3)), rng.integers(0, 15, (20, 3))
-    rows = rng.integers(0, 20, count)
-    is_used, taken = np.empty(15, dtype=bool), np.empty((count, 3), dtype=np.int64)
-    take(triangles, rows, is_used, taken)
-    assert np.flatnonzero(is_used).tolist() == np.unique(triangles[rows]).tolist()
-    assert np.array_equal(points[is_used][taken], points[triangles[rows]])
+    is_crowded, rows = rng.random(20) < rng.random(), rng.integers(0, 20, count)
+    chosen = np.concatenate([triangles[~is_crowded], triangles[rows]])
+    taken_points, taken = np.empty((15, 3)), np.empty((len(chosen), 3), dtype=np.int64)
+    used = take(triangles, is_crowded, rows, points, taken_points, taken)
+    assert np.array_equal(taken_points[:used], points[np.unique(chosen)])
+    assert np.array_equal(taken_points[taken], points[chosen])
 
 
 @pytest.mark.parametrize(
@@ -136,19 +137,23 @@ def test_triangles_that_are_taken_keep_their_places_with_the_points_they_use(see
     [
         (0, np.array([[0, 1, 3]])),
         (0, np.array([[0, -1, 2]])),
-        (1, np.array([1])),
-        (1, np.array([-1])),
-        (1, np.array([0, 0])),
-        (2, np.zeros(2, dtype=bool)),
+        (1, np.array([True, True])),
+        (1, np.array([False])),
+        (2, np.array([1])),
+        (2, np.array([-1])),
+        (2, np.array([0, 0])),
+        (3, np.zeros((2, 3))),
+        (4, np.zeros((2, 3))),
+        (5, np.empty((2, 3), dtype=np.int64)),
     ],
 )
 def test_triangles_that_are_none_are_not_taken(place, value):
     arguments = [
-        *(np.array([[0, 1, 2]]), np.array([0])),
-        *(np.zeros(3, dtype=bool), np.empty((1, 3), dtype=np.int64)),
+        *(np.array([[0, 1, 2]]), np.array([True]), np.array([0])),
+        *(np.zeros((3, 3)), np.empty((3, 3)), np.empty((1, 3), dtype=np.int64)),
     ]
-    take(*arguments)
-    assert arguments[3].tolist() == [[0, 1, 2]]
+    assert take(*arguments) == 3
+    assert arguments[5].tolist() == [[0, 1, 2]]
     arguments[place] = value
     with pytest.raises(ValueError, match=r"^Expected triangles"):
         take(*arguments)
