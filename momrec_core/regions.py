@@ -160,9 +160,9 @@ class Regions:
         return CrossSection(self.loops(region), FillRule.Positive)
 
     def replaced(self, places: NDArray[np.int64], others: Regions) -> Regions:
-        """Return these regions with others in the places of some."""
+        """Return these regions with others in some places, which increase."""
         if len(places) == len(self):
-            return others.take(np.argsort(places))
+            return others
         order = np.arange(len(self))
         order[places] = len(self) + np.arange(len(places))
         return Regions.joined([self, others]).take(order)

@@ -278,7 +278,7 @@ def _apparent_radius(view: View, centre: NDArray[np.float64]) -> float:
 def height_range(view: View, family: PlaneFamily) -> tuple[float, float]:
     """Return the offsets, in units, between which a viewing volume lies within the region."""
     camera = view.camera
-    points = np.concatenate(view.rings)
+    points = view.outline.points
     if not camera.is_pinhole:
         if abs(camera.rotation[:, 2] @ family.frame[:3, 2]) >= STRIP_COSINE:
             return -RADIUS, RADIUS
