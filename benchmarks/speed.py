@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +49,7 @@ from momrec_core import (
     reconstruct,
     surface_moments,
 )
-from momrec_core.layers import Slabs, layers_of_sections
+from momrec_core.layers import layers_of_sections, match_layers
 from momrec_core.regions import Regions
 from momrec_core.silhouette import silhouettes_of_mesh
 from momrec_core.simulation import look_at, random_directions
@@ -214,8 +213,8 @@ def _tiled(views: Sequence[View], rounds: int) -> Iterator[Row]:
     ends = np.array([1.5, -0.5]) @ hull.offsets[:2], np.array([-0.5, 1.5]) @ hull.offsets[-2:]
     offsets = scale * np.array([ends[0], *hull.offsets, ends[1]])
     layers = layers_of_sections(offsets, Regions.of_rings([[], *sections, []]))
-    count = np.mean([len(layer.rings.points) for layer in layers if len(layer)])
-    (time,) = medians([lambda: tile(Slabs().between(pairwise(layers)))], 3 * rounds)
+    count = len(layers.pieces.rings.points) / np.count_nonzero(layers.counts)
+    (time,) = medians([lambda: tile(match_layers(layers, layers.adjacent))], 3 * rounds)
     yield budget(f"tiling, 64 slices of {count:.0f} vertices", time, 20.0)
 
 

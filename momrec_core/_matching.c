@@ -8,9 +8,10 @@
 #include "_module.h"
 
 /* Columns of the results.
- * A pair: slab, piece below and above, contours of each, number of each one's first in its layer.
- * A knot's member: slab, number of the knot in it, side (0 below, 1 above), piece. */
-enum { PAIR = 6, MEMBER = 4 };
+ * A pair: slab, piece below and above, number of each one's first contour in its layer, contours.
+ * A knot's member: slab, least of the knot's nodes, side (0 below, 1 above), piece.
+ * A piece that is alone: slab, side, piece. */
+enum { PAIR = 6, MEMBER = 4, ALONE = 3 };
 
 /* The pieces of several layers. */
 typedef struct {
@@ -52,7 +53,7 @@ typedef struct {
 
 /* A piece of one of a slab's layers. */
 typedef struct {
-    int64_t degree, parent, group;
+    int64_t degree, parent;
     int is_paired;
 } Node;
 
@@ -62,7 +63,7 @@ typedef struct {
     Outline outline;
     Piece laid; /* that the outline is of; of no batch if of none */
     List overlaps, nodes;
-    List pairs, members, shares; /* results */
+    List pairs, members, alone, shares; /* results */
 } Desk;
 
 static int add_row(List *table, const int64_t *row, size_t columns)
@@ -216,7 +217,7 @@ static Node *count_degrees(const Task *task, Desk *desk, Py_ssize_t slab)
     if (nodes == NULL)
         return NULL;
     for (int64_t node = 0; node < count; node++)
-        nodes[node] = (Node){0, node, 0, 0};
+        nodes[node] = (Node){0, node, 0};
     for (size_t place = 0; place < desk->overlaps.count; place++) {
         nodes[overlaps[place].place[0]].degree++;
         nodes[below + overlaps[place].place[1]].degree++;
@@ -251,9 +252,9 @@ static int add_pairs(const Task *task, Desk *desk, Py_ssize_t slab, Node *nodes)
         if (low->degree != 1 || high->degree != 1 || contours_of(pieces[1]) != contours
             || !are_images(task, pieces[0], pieces[1]))
             continue;
-        const int64_t row[PAIR] = {slab, place[0], place[1], contours,
+        const int64_t row[PAIR] = {slab, place[0], place[1],
                                    first_contour(pieces[0]) - first_contour(first[0]),
-                                   first_contour(pieces[1]) - first_contour(first[1])};
+                                   first_contour(pieces[1]) - first_contour(first[1]), contours};
         if (!add_row(&desk->pairs, row, PAIR))
             return 0;
         overlap->is_pair = low->is_paired = high->is_paired = 1;
@@ -288,23 +289,22 @@ static int connect(Task *task, Desk *desk, Py_ssize_t slab, Node *nodes, double 
     return 1;
 }
 
-/* Add the pieces that are in no pair, each with the number of its knot in the slab. */
-static int add_members(const Task *task, Desk *desk, Py_ssize_t slab, Node *nodes, double *areas)
+/* Add the pieces that are in no pair: those that overlap none, and the members of knots. */
+static int add_others(const Task *task, Desk *desk, Py_ssize_t slab, Node *nodes, double *areas)
 {
     const int64_t below = task->layers[2 * slab].count;
     const int64_t count = below + task->layers[2 * slab + 1].count;
-    int64_t groups = 0;
     for (int64_t node = 0; node < count; node++) {
         if (nodes[node].is_paired)
             continue;
-        const int64_t root = root_of(nodes, node); /* the first of all that are connected */
-        nodes[node].group = root == node ? groups++ : nodes[root].group;
         const int side = node >= below;
         const int64_t place = side ? node - below : node;
-        const Piece piece = piece_at(task, slab, side, place);
-        const int64_t row[MEMBER] = {slab, nodes[node].group, side, place};
-        if (!add_row(&desk->members, row, MEMBER))
+        const int64_t alone[ALONE] = {slab, side, place};
+        const int64_t member[MEMBER] = {slab, root_of(nodes, node), side, place};
+        if (!(nodes[node].degree == 0 ? add_row(&desk->alone, alone, ALONE)
+                                      : add_row(&desk->members, member, MEMBER)))
             return 0;
+        const Piece piece = piece_at(task, slab, side, place);
         areas[side] += piece.batch->areas[piece.number];
     }
     return 1;
@@ -320,7 +320,7 @@ static int match_all(Task *task, Desk *desk)
                                                                : NULL;
         if (nodes == NULL || !add_pairs(task, desk, slab, nodes)
             || !connect(task, desk, slab, nodes, &shares[2])
-            || !add_members(task, desk, slab, nodes, shares))
+            || !add_others(task, desk, slab, nodes, shares))
             return 0;
         double *result = appended(&desk->shares, sizeof(shares));
         if (result == NULL)
@@ -338,6 +338,7 @@ static void clear_desk(Desk *desk)
     free(desk->nodes.items);
     free(desk->pairs.items);
     free(desk->members.items);
+    free(desk->alone.items);
     free(desk->shares.items);
 }
 
@@ -407,8 +408,8 @@ static PyObject *matches_of(Task *task)
     const int is_good = match_all(task, &desk);
     PyEval_RestoreThread(task->thread);
     if (is_good)
-        result = Py_BuildValue("NNN", bytes_of(&desk.pairs), bytes_of(&desk.members),
-                               bytes_of(&desk.shares));
+        result = Py_BuildValue("NNNN", bytes_of(&desk.pairs), bytes_of(&desk.members),
+                               bytes_of(&desk.alone), bytes_of(&desk.shares));
     else if (!PyErr_Occurred())
         PyErr_NoMemory();
     clear_desk(&desk);

@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
@@ -20,10 +19,9 @@ from momrec_core.errors import (
     NoCommonLineError,
 )
 from momrec_core.layers import (
-    Layer,
     Slabs,
-    in_order,
     layers_of_sections,
+    match_layers,
     without_flakes,
     without_needless,
 )
@@ -463,18 +461,17 @@ class VisualHull:
                 f"{self.emptied_by} (counting from 0) leaves nothing of the {self.emptied_by} "
                 "before it"
             )
-        slabs = Slabs()
-        layers = self._layers(family, slabs)
-        if not any(len(layer) for layer in layers):
+        slabs = self._slabs(family)
+        if not slabs.layers.counts[slabs.sides].any():
             raise DegenerateShapeError(
                 f"Expected a hull thick enough for {self._count} slices, got one so thin and "
                 "slanted that no two of them overlap; more slices may help"
             )
-        vertices, faces = tile(slabs.between(pairwise(layers)))
+        vertices, faces = tile(slabs)
         return trimesh.Trimesh(family.to_world(vertices), faces, process=False)
 
-    def _layers(self, family: PlaneFamily, slabs: Slabs) -> list[Layer]:
-        """Return the sections and those between them that the surface needs besides.
+    def _slabs(self, family: PlaneFamily) -> Slabs:
+        """Return what is between the sections and those that the surface needs besides.
 
         Where pieces or holes appear, vanish, split or join between two planes, where the section's
         area jumps, and at the ends, the slab is halved until what it leaves open is negligible.
@@ -482,30 +479,22 @@ class VisualHull:
         inset = END_INSET * family.spacing
         ends = np.array([family.low + inset, family.high - inset])
         hull = self._intersection(family)
-        offsets = [family.low, family.high, *ends.tolist(), *family.offsets.tolist()]
+        offsets = np.concatenate([[family.low, family.high], ends, family.offsets])
         parts = [Regions.of_rings([[], []]), hull.cut(ends), self._sections]
-        layers = in_order(layers_of_sections(offsets, Regions.joined(parts)))
-        largest = max(layer.area for layer in layers)
-        doubtful = DOUBTFUL_VOLUME * family.spacing * sum(layer.area for layer in layers)
-        open_slabs = slabs.between(pairwise(layers))
+        layers = layers_of_sections(offsets, Regions.joined(parts))
+        largest = float(layers.areas.max())
+        doubtful = DOUBTFUL_VOLUME * family.spacing * float(layers.areas.sum())
+        rounds = [match_layers(layers, layers.adjacent)]
         for _ in range(EVENT_DEPTH):
-            open_slabs = [slab for slab in open_slabs if slab.leaves_open(doubtful, largest)]
-            room = MAX_LAYERS * self._count - len(layers)
-            if len(open_slabs) > room:
-                open_slabs.sort(key=lambda slab: -slab.doubt(largest))
-            open_slabs = open_slabs[:room]
-            if not open_slabs:
+            doubts = rounds[-1].doubts(largest)
+            worst_first = np.argsort(-doubts, kind="stable")
+            room = MAX_LAYERS * self._count - len(rounds[-1].layers)
+            chosen = worst_first[: min(np.count_nonzero(doubts > doubtful), room)]
+            if not len(chosen):
                 break
-            middles = np.array([slab.middle for slab in open_slabs])
-            new = layers_of_sections(middles, hull.cut(middles))
-            layers.extend(new)
-            open_slabs = slabs.between(
-                half
-                for slab, middle in zip(open_slabs, new, strict=True)
-                for half in ((slab.below, middle), (middle, slab.above))
-            )
-        layers = without_flakes(in_order(layers), slabs)
-        return without_needless(layers, slabs, set(offsets), doubtful)
+            rounds.append(rounds[-1].halved(np.sort(chosen), hull.cut))
+        slabs = without_flakes(Slabs.joined(rounds))
+        return without_needless(slabs, len(layers), doubtful)
 
 
 def _outlast(pairs: Sequence[tuple[int, int]], spare: int) -> bool:

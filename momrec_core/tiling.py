@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from momrec_core.knots import Knots, cap, join_knots
-from momrec_core.layers import Layer, Slab, pieces_of_layers
+from momrec_core.layers import Layers, Slabs, as_knots
 from momrec_core.manifolds import double_shared_edges
 from momrec_core.noding import find_contacts
 from momrec_core.rings import Rings, counts_of, ends_of, runs
@@ -18,10 +16,8 @@ from momrec_core.walking import Bands, walk_bands
 
 __all__ = ["tile"]
 
-_Knot = tuple[int, tuple[list[int], list[int]]]  # a slab; pieces of the layers below and above
 
-
-def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def tile(slabs: Slabs) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Join cross-sections into a closed surface.
 
     Between two layers, pieces that are each other's only overlap are joined contour by contour
@@ -30,7 +26,7 @@ def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]
 
     Parameters
     ----------
-    slabs : sequence of Slab
+    slabs : Slabs
         By increasing offset, each on the layer that the one before ends at; empty layers at both
         ends close the surface.
 
@@ -41,7 +37,9 @@ def tile(slabs: Sequence[Slab]) -> tuple[NDArray[np.float64], NDArray[np.int64]]
     triangles : array of int, shape (m, 3)
         Closed, edge-manifold, facing outward.
     """
-    contours = _Contours.of_layers([slabs[0].below, *(slab.above for slab in slabs)])
+    contours = _Contours.of_layers(
+        slabs.layers.take(np.append(slabs.sides[:1, 0], slabs.sides[:, 1]))
+    )
     bands, is_sound, joins, alone = _bands(contours, slabs)
     contours, links = contours.with_contacts(joins)
     joined, failed = join_knots(contours.points, contours.knots(joins, links))
@@ -115,39 +113,34 @@ class _Contours:
     ends: NDArray[np.int64]
 
     @classmethod
-    def of_layers(cls, layers: Sequence[Layer]) -> _Contours:
-        regions, starts = pieces_of_layers(layers)
-        counts = np.array([len(layer) for layer in layers], dtype=np.int64)
-        pieces = runs(starts, counts)
-        contours = counts_of(regions.first)[pieces]
-        rings = runs(regions.first[pieces], contours)
-        vertices = regions.rings.counts[rings]
-        of_layers, of_pieces, first = ends_of(counts), ends_of(contours), ends_of(vertices)
-        points = np.empty((first[-1], 3))
-        chosen = runs(regions.rings.first[rings], vertices)
-        points[:, :2] = regions.rings.points.take(chosen, axis=0)
-        heights = [layer.offset for layer in layers]
-        points[:, 2] = np.repeat(heights, counts_of(first[of_pieces[of_layers]]))
+    def of_layers(cls, layers: Layers) -> _Contours:
+        regions = layers.pieces.take(runs(layers.first, layers.counts))
+        rings, of_layers = regions.rings, ends_of(layers.counts)
+        points = np.empty((len(rings.points), 3))
+        points[:, :2] = rings.points
+        vertices = counts_of(rings.first[regions.first[of_layers]])
+        points[:, 2] = np.repeat(layers.offsets, vertices)
         return cls(
-            Rings(points, first),
+            Rings(points, rings.first),
             layers=of_layers,
-            pieces=of_pieces,
+            pieces=regions.first,
             points=points,
             owners=np.empty(0, dtype=np.int64),
             order=np.arange(len(points)),
             ends=np.arange(len(points) + 1),
         )
 
-    def knotted(self, knots: Sequence[_Knot]) -> _Pieces:
-        """Return the pieces of knots."""
-        counts = [len(pieces) for _, sides in knots for pieces in sides]
-        numbers = chain.from_iterable(chain.from_iterable(sides) for _, sides in knots)
-        places = np.repeat(np.arange(len(counts)), counts)
-        slabs = np.array([slab for slab, _ in knots], dtype=np.int64)[places // 2]
-        pieces = self.layers[slabs + places % 2]
-        pieces += np.fromiter(numbers, dtype=np.int64, count=len(places))
+    def knotted(
+        self,
+        knots: NDArray[np.int64],
+        slabs: NDArray[np.int64],
+        sides: NDArray[np.int64],
+        places: NDArray[np.int64],
+    ) -> _Pieces:
+        """Return pieces of knots, given their places in the layers below (0) or above (1)."""
+        pieces = self.layers[slabs + sides] + places
         ends = self.pieces[np.column_stack([pieces, pieces + 1])]
-        return _Pieces(places // 2, slabs, places % 2 == 1, ends)
+        return _Pieces(knots, slabs, sides == 1, ends)
 
     def with_contacts(self, pieces: _Pieces) -> tuple[_Contours, NDArray[np.int64]]:
         """Put vertices where the pieces below and above touch or cross.
@@ -201,9 +194,7 @@ class _Contours:
         return self.order[runs(starts, stops - starts)], ends_of(stops - starts)
 
 
-def _bands(
-    contours: _Contours, slabs: Sequence[Slab]
-) -> tuple[Bands, NDArray[np.bool_], _Pieces, _Pieces]:
+def _bands(contours: _Contours, slabs: Slabs) -> tuple[Bands, NDArray[np.bool_], _Pieces, _Pieces]:
     """Join the contours that match one to one.
 
     Returns
@@ -216,21 +207,26 @@ def _bands(
         The pieces that are left: knots, and pairs of pieces that are poorly joined so; and knots
         that end below or above their slab.
     """
-    owners = [(index, *match) for index, slab in enumerate(slabs) for match in slab.pairs.items()]
-    owner_of = np.repeat(np.arange(len(owners)), [len(pairs) for _, _, pairs in owners])
-    local = chain.from_iterable(chain.from_iterable(pairs) for _, _, pairs in owners)
-    slab_of = np.array([index for index, _, _ in owners], dtype=np.int64)[owner_of]
-    pairs = np.fromiter(local, dtype=np.int64, count=2 * len(owner_of)).reshape(-1, 2)
-    pairs += contours.pieces[contours.layers[np.column_stack([slab_of, slab_of + 1])]]
-    bands = walk_bands(contours.corners, pairs)
-    is_poor = np.bincount(owner_of[bands.is_poor], minlength=len(owners)) > 0
-    knots = [(index, knot) for index, slab in enumerate(slabs) for knot in slab.knots]
-    joins = [knot for knot in knots if all(knot[1])]
-    for poor in np.flatnonzero(is_poor).tolist():
-        index, (low, high), _ = owners[poor]
-        joins.append((index, ([low], [high])))
-    alone = [knot for knot in knots if not all(knot[1])]
-    return bands, ~is_poor[owner_of], contours.knotted(joins), contours.knotted(alone)
+    pairs = slabs.pairs
+    owners, first = _grouped(*pairs[:, :2].T)
+    layers = contours.layers[pairs[:, :1] + (0, 1)]
+    bands = walk_bands(contours.corners, contours.pieces[layers] + pairs[:, 3:5])
+    is_poor = np.zeros(len(first), dtype=bool)
+    is_poor[owners[bands.is_poor]] = True
+    knots = slabs.knots[np.lexsort([slabs.knots[:, 1], slabs.knots[:, 0]])]
+    joins = np.concatenate([knots, as_knots(pairs[first[is_poor]])])
+    numbers, _ = _grouped(*joins[:, :2].T)
+    alone = contours.knotted(np.arange(len(slabs.alone)), *slabs.alone.T)
+    return bands, ~is_poor[owners], contours.knotted(numbers, *joins[:, [0, 2, 3]].T), alone
+
+
+def _grouped(
+    slabs: NDArray[np.int64], numbers: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Count equal ones that follow each other as one; return each one's, and where it begins."""
+    begins = np.ones(len(slabs), dtype=bool)
+    begins[1:] = (slabs[1:] != slabs[:-1]) | (numbers[1:] != numbers[:-1])
+    return begins.cumsum() - 1, np.flatnonzero(begins)
 
 
 def _caps(contours: _Contours, pieces: _Pieces) -> NDArray[np.int64]:

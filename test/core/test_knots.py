@@ -1,7 +1,6 @@
 """Surfaces between pieces that split, join and cross, against shapely's regions."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection, FillRule
 
 from momrec_core.knots import Knots, join_knots
-from momrec_core.layers import Slabs, layers_of_sections
+from momrec_core.layers import layers_of_sections, match_layers
 from momrec_core.regions import Regions
 from momrec_core.tiling import tile
 
@@ -30,8 +29,10 @@ def tiled(*sections):
     empty = CrossSection()
     offsets = HEIGHT * np.arange(len(sections) + 2)
     layers = layers_of_sections(offsets, Regions.of_sections([empty, *sections, empty]))
-    mesh = trimesh.Trimesh(*tile(Slabs().between(pairwise(layers))), process=False)
-    return mesh, [shapely.union_all(layer.pieces.polygons(1.0)) for layer in layers[1:-1]]
+    mesh = trimesh.Trimesh(*tile(match_layers(layers, layers.adjacent)), process=False)
+    spans = layers.spans[1:-1, 1:].tolist()
+    pieces = [layers.pieces.part(first, first + count) for first, count in spans]
+    return mesh, [shapely.union_all(part.polygons(1.0)) for part in pieces]
 
 
 def projected(mesh, is_up, low, high):

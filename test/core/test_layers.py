@@ -1,6 +1,6 @@
 """Pieces of adjacent layers matched by overlap, against GEOS."""
 
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 import pytest
@@ -15,10 +15,9 @@ from momrec_core.layers import (
     LEAST_WIDTH,
     MIN_AREA_RATIO,
     STEEPEST,
-    Layer,
-    Slab,
     Slabs,
     layers_of_sections,
+    match_layers,
 )
 from momrec_core.regions import CLEARANCE, Regions
 
@@ -45,15 +44,39 @@ def stars(rng: np.random.Generator) -> list[NDArray[np.float64]]:
     return rings
 
 
-def polygons_of(layer: Layer) -> list[shapely.Polygon]:
-    """Return a layer's pieces as polygons."""
-    pieces = [layer.alone(piece).loops(0) for piece in range(len(layer))]
-    return [shapely.Polygon(shell, holes) for shell, *holes in pieces]
+def polygons_of(slab: Slabs, side: int) -> list[shapely.Polygon]:
+    """Return the pieces below or above a slab as polygons."""
+    layers = slab.layers
+    pieces = layers.first[side] + np.arange(layers.counts[side])
+    return [shapely.Polygon(*loops_of(layers.pieces.loops(piece))) for piece in pieces]
 
 
-def graph_of(slab: Slab) -> set[tuple[frozenset[int], frozenset[int]]]:
+def loops_of(loops: list[NDArray[np.float64]]) -> tuple[NDArray[np.float64], list]:
+    """Return a piece's shell, and its holes."""
+    shell, *holes = loops
+    return shell, holes
+
+
+def pairs_of(slab: Slabs) -> dict[tuple[int, int], list[tuple[int, int]]]:
+    """Return the contours that belong together, of the pieces that do."""
+    pairs = {}
+    for _, low, high, *contours, _ in slab.pairs.tolist():
+        pairs.setdefault((low, high), []).append(tuple(contours))
+    return pairs
+
+
+def knots_of(slab: Slabs) -> list[tuple[list[int], list[int]]]:
+    """Return the other groups of pieces, below and above."""
+    knots = {}
+    for _, number, side, piece in slab.knots.tolist():
+        knots.setdefault(number, ([], []))[side].append(piece)
+    alone = [([piece], []) if side == 0 else ([], [piece]) for _, side, piece in slab.alone]
+    return [*knots.values(), *alone]
+
+
+def graph_of(slab: Slabs) -> set[tuple[frozenset[int], frozenset[int]]]:
     """Group a slab's pieces by the areas that GEOS finds in common."""
-    below, above = polygons_of(slab.below), polygons_of(slab.above)
+    below, above = polygons_of(slab, 0), polygons_of(slab, 1)
     groups = [({low}, set()) for low in range(len(below))]
     groups += [(set(), {high}) for high in range(len(above))]
     for low, one in enumerate(below):
@@ -65,11 +88,10 @@ def graph_of(slab: Slab) -> set[tuple[frozenset[int], frozenset[int]]]:
     return {(frozenset(low), frozenset(high)) for low, high in groups}
 
 
-def matched(below: list[NDArray[np.float64]], above: list[NDArray[np.float64]]) -> Slab:
+def matched(below: list[NDArray[np.float64]], above: list[NDArray[np.float64]]) -> Slabs:
     """Match two layers so close that nothing is bridged between them."""
     layers = layers_of_sections([0.0, 1e-9 / STEEPEST], Regions.of_rings([below, above]))
-    (slab,) = Slabs().between(pairwise(layers))
-    return slab
+    return match_layers(layers, layers.adjacent)
 
 
 @RELAXED
@@ -77,10 +99,11 @@ def matched(below: list[NDArray[np.float64]], above: list[NDArray[np.float64]]) 
 def test_pieces_are_grouped_as_geos_has_them_overlap(seed):
     rng = np.random.default_rng(seed)
     slab = matched(stars(rng), stars(rng))
-    groups = {(frozenset([low]), frozenset([high])) for low, high in slab.pairs}
-    groups |= {(frozenset(low), frozenset(high)) for low, high in slab.knots}
+    pairs, knots = pairs_of(slab), knots_of(slab)
+    groups = {(frozenset([low]), frozenset([high])) for low, high in pairs}
+    groups |= {(frozenset(low), frozenset(high)) for low, high in knots}
     assert groups == graph_of(slab)
-    assert len(groups) == len(slab.pairs) + len(slab.knots)
+    assert len(groups) == len(pairs) + len(knots)
 
 
 def are_alike(one: shapely.Polygon, other: shapely.Polygon) -> bool:
@@ -104,9 +127,9 @@ def are_alike(one: shapely.Polygon, other: shapely.Polygon) -> bool:
 def test_pieces_that_overlap_nothing_else_are_pairs_where_they_are_alike(seed):
     rng = np.random.default_rng(seed)
     slab = matched(stars(rng), stars(rng))
-    below, above = polygons_of(slab.below), polygons_of(slab.above)
-    single = [(low[0], high[0]) for low, high in slab.knots if len(low) == len(high) == 1]
-    assert all(are_alike(below[low], above[high]) for low, high in slab.pairs)
+    below, above = polygons_of(slab, 0), polygons_of(slab, 1)
+    single = [(low[0], high[0]) for low, high in knots_of(slab) if len(low) == len(high) == 1]
+    assert all(are_alike(below[low], above[high]) for low, high in pairs_of(slab))
     assert not any(are_alike(below[low], above[high]) for low, high in single)
 
 
@@ -116,27 +139,29 @@ def test_areas_of_knots_are_those_of_geos(seed):
     rng = np.random.default_rng(seed)
     slab = matched(stars(rng), stars(rng))
     sides = []
-    for polygons, side in ((polygons_of(slab.below), 0), (polygons_of(slab.above), 1)):
-        sides.append(shapely.union_all([polygons[at] for knot in slab.knots for at in knot[side]]))
+    for side in (0, 1):
+        polygons = polygons_of(slab, side)
+        pieces = [polygons[at] for knot in knots_of(slab) for at in knot[side]]
+        sides.append(shapely.union_all(pieces))
     expected = [sides[0].area, sides[1].area, sides[0].intersection(sides[1]).area]
-    assert_allclose(slab.knot_areas, expected, atol=1e-6)
+    assert_allclose(slab.areas, [expected], atol=1e-6)
 
 
 def test_pieces_of_crowded_layers_are_found_all_the_same():
     square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
     corners = 3.0 * np.stack(np.divmod(np.arange(900), 30), axis=-1)[:, None]
     slab = matched(list(square + corners), list(square[None] + corners[::-1] + 0.5))
-    assert slab.pairs == {(piece, 899 - piece): [(piece, 899 - piece)] for piece in range(900)}
-    assert slab.knots == []
+    assert pairs_of(slab) == {(piece, 899 - piece): [(piece, 899 - piece)] for piece in range(900)}
+    assert knots_of(slab) == []
 
 
 def test_degenerate_overlaps_are_left_to_clipper():
     square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
     half = square * (0.5, 1.0)
     slab = matched([square], [half + shift for shift in np.array([[0, 0], [2, 0], [4, 0]])])
-    assert slab.pairs == {}
-    assert slab.knots == [([0], [0, 1]), ([], [2])]
-    assert_allclose(slab.knot_areas, [16.0, 24.0, 16.0])
+    assert pairs_of(slab) == {}
+    assert knots_of(slab) == [([0], [0, 1]), ([], [2])]
+    assert_allclose(slab.areas, [[16.0, 24.0, 16.0]])
 
 
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
@@ -182,9 +207,9 @@ GOOD = {
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(name, value, error):
-    pairs, members, _ = match(*GOOD.values())
-    assert np.frombuffer(pairs, dtype=np.int64).tolist() == [0, 0, 0, 1, 0, 0]
-    assert members == b""
+    pairs, knots, alone, _ = match(*GOOD.values())
+    assert np.frombuffer(pairs, dtype=np.int64).tolist() == [0, 0, 0, 0, 0, 1]
+    assert knots == alone == b""
     with pytest.raises(error, match=r"^Expected"):
         match(*(GOOD | {name: value}).values())
 
@@ -200,10 +225,10 @@ def test_what_the_library_says_counts_and_its_errors_get_through():
         return [5.0, 6.0][high]
 
     task = GOOD | {"layers": np.array([[0, 0, 1], [1, 0, 2]]), "batches": batches}
-    pairs, members, areas = match(*(task | {"library": library}).values())
+    pairs, knots, alone, areas = match(*(task | {"library": library}).values())
     assert asked == [(0, 0, 0), (0, 0, 1)]
-    assert pairs == b""
-    assert members == np.array([[0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 1, 1]]).tobytes()
+    assert pairs == alone == b""
+    assert knots == np.array([[0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 1, 1]]).tobytes()
     assert np.frombuffer(areas).tolist() == [16.0, 16.0, 11.0]
     with pytest.raises(ZeroDivisionError):
         match(*(task | {"library": lambda *_: 1 / 0}).values())
