@@ -47,9 +47,16 @@ typedef struct {
 /* A contour from the vertex that a walk begins at, and back to it; x and y shifted. */
 typedef struct {
     int64_t count;
-    double *x, *y, *z;
-    double shift[2];
+    double *x, *y;
+    double z, shift[2];
 } Path;
+
+/* Compiled for vectors of four numbers too where a processor has them; the results are the same. */
+#if defined(__GLIBC__) && defined(__x86_64__) && !defined(__clang__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define WIDE
+#endif
 
 static int64_t count_of(const Work *work, int64_t ring)
 {
@@ -82,15 +89,14 @@ static void choose_start(const Work *work, Py_ssize_t band, int64_t *start)
     }
 }
 
-/* Lay a contour's vertices out in the order of a walk; `room` takes 3 (count + 1) numbers. */
+/* Lay a contour's vertices out in the order of a walk; `room` takes 2 (count + 1) numbers. */
 static Path path_of(const Work *work, Py_ssize_t band, int side, int64_t start, double *room)
 {
     const int64_t ring = work->pairs[2 * band + side];
     const double *points = work->points + 3 * work->first[ring];
-    Path path = {.count = count_of(work, ring), .shift = {0.0, 0.0}};
+    Path path = {.count = count_of(work, ring), .z = points[2]};
     path.x = room;
     path.y = path.x + path.count + 1;
-    path.z = path.y + path.count + 1;
     if (side && work->shifts != NULL) {
         path.shift[0] = work->shifts[2 * band];
         path.shift[1] = work->shifts[2 * band + 1];
@@ -100,7 +106,6 @@ static Path path_of(const Work *work, Py_ssize_t band, int side, int64_t start, 
         const double *point = points + 3 * vertex;
         path.x[place] = point[0] - path.shift[0];
         path.y[place] = point[1] - path.shift[1];
-        path.z[place] = point[2];
     }
     return path;
 }
@@ -108,22 +113,24 @@ static Path path_of(const Work *work, Py_ssize_t band, int side, int64_t start, 
 /* Walk by the shorter of the two diagonals, and rise where they are as long. */
 static void walk_greedily(const Path *low, const Path *high, uint8_t *rises)
 {
-    const double height = high->z[0] - low->z[0], near_tie = TIE * (height * height);
+    const double height = high->z - low->z, near_tie = TIE * (height * height);
     int64_t row = 0, column = 0;
-    while (row < low->count || column < high->count) {
-        int rise = row < low->count;
-        if (rise && column < high->count) {
-            const double rise_x = low->x[row + 1] - high->x[column];
-            const double rise_y = low->y[row + 1] - high->y[column];
-            const double run_x = low->x[row] - high->x[column + 1];
-            const double run_y = low->y[row] - high->y[column + 1];
-            const double run = run_x * run_x + run_y * run_y;
-            rise = rise_x * rise_x + rise_y * rise_y <= (1 + TIE) * run + near_tie;
+    while (row < low->count && column < high->count) {
+        const double rise_x = low->x[row + 1] - high->x[column];
+        const double rise_y = low->y[row + 1] - high->y[column];
+        const double run_x = low->x[row] - high->x[column + 1];
+        const double run_y = low->y[row] - high->y[column + 1];
+        const double run = run_x * run_x + run_y * run_y;
+        if (rise_x * rise_x + rise_y * rise_y <= (1 + TIE) * run + near_tie) {
+            *rises++ = 1;
+            row++;
+        } else {
+            *rises++ = 0;
+            column++;
         }
-        *rises++ = (uint8_t)rise;
-        row += rise;
-        column += !rise;
     }
+    memset(rises, 1, (size_t)(low->count - row));
+    memset(rises + low->count - row, 0, (size_t)(high->count - column));
 }
 
 /* The vertices of a path with the edges that lead to them, in either order, for `improve`. */
@@ -156,7 +163,7 @@ static Line line_of(const Path *path, double height, int is_backward, double *ro
 
 /* Take a step in all of a window: to the least areas so far, twice, add the triangles that rise or
  * run to each row. Write the least, and by how much rises are better, or not worse. */
-static void step_to(const Line *low, int64_t row, const Line *high, int64_t column,
+WIDE static void step_to(const Line *low, int64_t row, const Line *high, int64_t column,
                     const double *restrict least, double *restrict next, double *restrict gains)
 {
     const double *x = low->x + row, *y = low->y + row, *upright = low->upright + row;
@@ -219,7 +226,7 @@ static int improve(const Line *low, int64_t rows, const Line *high, int64_t colu
 static void walk_least(const Path *low, const Path *high, double *room, uint8_t *rises)
 {
     const int64_t rows = low->count, columns = high->count;
-    const double height = high->z[0] - low->z[0];
+    const double height = high->z - low->z;
     const Line below = line_of(low, height, 0, room);
     const Line above = line_of(high, height, 1, room + 5 * (rows + 1 + 2 * REACH));
     double *least = room + 5 * (rows + columns + 2 + 4 * REACH) + REACH + 1;
@@ -266,7 +273,7 @@ static void measure(const Path *low, const Path *high, const uint8_t *rises,
                     const double *expected, double *fit)
 {
     const double shift_x = high->shift[0], shift_y = high->shift[1];
-    const double height = high->z[0] - low->z[0];
+    const double height = high->z - low->z;
     double area = 0.0, upward[2] = {0.0, 0.0};
     int64_t row = 0, column = 0;
     for (int64_t step = 0; step < low->count + high->count; step++) {
@@ -283,7 +290,7 @@ static void measure(const Path *low, const Path *high, const uint8_t *rises,
         row += rise;
         column += !rise;
     }
-    const double run_z = high->z[0] - height / 3, rise_z = low->z[0] + height / 3;
+    const double run_z = high->z - height / 3, rise_z = low->z + height / 3;
     const double flux = run_z * upward[0] + rise_z * upward[1];
     fit[0] = is_pinched(rises, low->count + high->count) ? INFINITY : area;
     fit[1] = flux;
@@ -297,19 +304,19 @@ static int walk_along(const Work *work, Py_ssize_t band, int is_least, uint8_t *
     int64_t *starts = work->starts + 2 * band, start[2] = {starts[0], starts[1]};
     const int64_t below = count_of(work, work->pairs[2 * band]);
     const int64_t above = count_of(work, work->pairs[2 * band + 1]);
-    const size_t steps = (size_t)(below + above), most = (10 + WINDOW) * (steps + 2) + 24 * REACH;
-    double *room = malloc((is_least ? most : 3 * (steps + 2)) * sizeof(double));
+    const size_t steps = (size_t)(below + above), most = (9 + WINDOW) * (steps + 2) + 24 * REACH;
+    double *room = malloc((is_least ? most : 2 * (steps + 2)) * sizeof(double));
     uint8_t *walk = malloc(steps);
     const int has_room = room != NULL && walk != NULL;
     if (has_room && !is_least)
         choose_start(work, band, start);
     if (has_room) {
         const Path low = path_of(work, band, 0, start[0], room);
-        const Path high = path_of(work, band, 1, start[1], room + 3 * (below + 1));
+        const Path high = path_of(work, band, 1, start[1], room + 2 * (below + 1));
         double fit[FITS], *const known = work->fits + FITS * band;
         if (is_least) {
             memcpy(walk, rises, steps);
-            walk_least(&low, &high, room + 3 * (steps + 2), walk);
+            walk_least(&low, &high, room + 2 * (steps + 2), walk);
             if (is_pinched(walk, below + above))
                 unpinch(walk, below + above);
         } else {
