@@ -401,8 +401,11 @@ static void outline_knot(const Work *work, Room *room, Knot *knot)
 
 static void enter_links(const Work *work, Room *room)
 {
-    for (Py_ssize_t vertex = 0; vertex < work->point_count; vertex++)
-        room->of_vertex[vertex] = (Vertex){-1, -1, {0, 0}};
+    const Vertex unknown = {-1, -1, {0, 0}};
+    for (Py_ssize_t place = 0; place < work->vertex_count; place++)
+        room->of_vertex[work->vertices[place]] = unknown;
+    for (Py_ssize_t end = 0; end < 2 * work->link_count; end++)
+        room->of_vertex[work->links[end]] = unknown;
     for (Py_ssize_t link = 0; link < work->link_count; link++) {
         const int64_t low = work->links[2 * link], high = work->links[2 * link + 1];
         room->of_vertex[high].below = low;

@@ -42,6 +42,8 @@ static int64_t enter_sides(const Triangles *all, Spoke *spokes)
     int64_t *const ends = all->ends;
     int64_t sides = 0;
     for (Py_ssize_t triangle = 0; triangle < all->count; triangle++, corner += 3) {
+        if (is_met[corner[0]] + is_met[corner[1]] + is_met[corner[2]] < 2)
+            continue;
         for (int side = 0; side < 3; side++) {
             const int64_t head = corner[side], tail = corner[side < 2 ? side + 1 : 0];
             const int64_t from = head < tail ? head : tail;

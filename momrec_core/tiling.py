@@ -43,8 +43,8 @@ def tile(slabs: Slabs) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     bands, is_sound, joins, alone = _bands(contours, slabs)
     contours, links = contours.with_contacts(joins)
     joined, failed = join_knots(contours.points, contours.knots(joins, links))
-    left = joins[np.isin(joins.knots, failed)]
-    others = np.concatenate([joined, _caps(contours, left), _caps(contours, alone)])
+    left = [joins[np.isin(joins.knots, failed)], alone] if len(failed) else [alone]
+    others = np.concatenate([joined, *(_caps(contours, pieces) for pieces in left)])
     triangles = bands.triangles(is_sound, contours.order, contours.ends, others)
     return double_shared_edges(contours.points, triangles, sound=len(triangles) - len(others))
 
@@ -143,7 +143,7 @@ class _Contours:
         return _Pieces(knots, slabs, sides == 1, ends)
 
     def with_contacts(self, pieces: _Pieces) -> tuple[_Contours, NDArray[np.int64]]:
-        """Put vertices where the pieces below and above touch or cross.
+        """Put vertices where the pieces below and above touch or cross; there are none so far.
 
         Returns
         -------
@@ -166,12 +166,15 @@ class _Contours:
         slabs = np.empty(len(pieces.knots), dtype=np.int64)
         slabs[pieces.knots] = pieces.slabs
         ends = self.ends.copy()
-        ends[1:] += np.cumsum(np.bincount(edges, minlength=count))
+        ends[1:] += np.bincount(edges, minlength=count).cumsum()
+        order = np.empty(count + len(new), dtype=np.int64)
+        order[ends[:-1]] = self.order
+        order[edges[places] + np.arange(1, len(new) + 1)] = count + places
         divided = replace(
             self,
             points=np.concatenate([self.points, added]),
             owners=slabs[contacts.groups[of_contacts]],
-            order=np.insert(self.order, edges[places] + 1, count + places),
+            order=order,
             ends=ends,
         )
         return divided, vertices.reshape(2, -1).T
