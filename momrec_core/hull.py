@@ -487,12 +487,13 @@ class VisualHull:
         rounds = [match_layers(layers, layers.adjacent)]
         for _ in range(EVENT_DEPTH):
             doubts = rounds[-1].doubts(largest)
-            worst_first = np.argsort(-doubts, kind="stable")
+            chosen = np.flatnonzero(doubts > doubtful)
             room = MAX_LAYERS * self._count - len(rounds[-1].layers)
-            chosen = worst_first[: min(np.count_nonzero(doubts > doubtful), room)]
+            if len(chosen) > room:
+                chosen = np.sort(np.argsort(-doubts, kind="stable")[:room])
             if not len(chosen):
                 break
-            rounds.append(rounds[-1].halved(np.sort(chosen), hull.cut))
+            rounds.append(rounds[-1].halved(chosen, hull.cut))
         slabs = without_flakes(Slabs.joined(rounds))
         return without_needless(slabs, len(layers), doubtful)
 
