@@ -274,24 +274,27 @@ static void measure(const Path *low, const Path *high, const uint8_t *rises,
 {
     const double shift_x = high->shift[0], shift_y = high->shift[1];
     const double height = high->z - low->z;
-    double area = 0.0, upward[2] = {0.0, 0.0};
+    double area = 0.0, flux = 0.0;
+    const double z[2] = {high->z - height / 3, low->z + height / 3};
     int64_t row = 0, column = 0;
     for (int64_t step = 0; step < low->count + high->count; step++) {
         const int rise = rises[step];
-        const Path *edges = rise ? low : high;
-        const int64_t edge = rise ? row : column;
         const double x = high->x[column] + shift_x - low->x[row];
         const double y = high->y[column] + shift_y - low->y[row];
-        const double edge_x = edges->x[edge + 1] - edges->x[edge];
-        const double edge_y = edges->y[edge + 1] - edges->y[edge];
+        double edge_x, edge_y;
+        if (rise) {
+            edge_x = low->x[row + 1] - low->x[row];
+            edge_y = low->y[row + 1] - low->y[row];
+            row++;
+        } else {
+            edge_x = high->x[column + 1] - high->x[column];
+            edge_y = high->y[column + 1] - high->y[column];
+            column++;
+        }
         const double beside = edge_x * y - edge_y * x;
         area += sqrt(beside * beside + height * height * (edge_x * edge_x + edge_y * edge_y)) / 2;
-        upward[rise] += beside / 2;
-        row += rise;
-        column += !rise;
+        flux += z[rise] * beside / 2;
     }
-    const double run_z = high->z - height / 3, rise_z = low->z + height / 3;
-    const double flux = run_z * upward[0] + rise_z * upward[1];
     fit[0] = is_pinched(rises, low->count + high->count) ? INFINITY : area;
     fit[1] = flux;
     fit[2] = misfit_of(fit[0], flux, expected);

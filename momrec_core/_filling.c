@@ -6,6 +6,7 @@
  * where that does not come out is reported instead, for a library that also knows what to do there.
  */
 
+#include "_bounds.h"
 #include "_module.h"
 
 #include <math.h>
@@ -291,8 +292,8 @@ static int is_free(const Room *room, const Node *a, const Node *b, const Node *c
 {
     const Strips *strips = &room->strips;
     const double at[3] = {along(a, strips->axis), along(b, strips->axis), along(c, strips->axis)};
-    const int64_t first = strip_of(strips, fmin(at[0], fmin(at[1], at[2])));
-    const int64_t last = strip_of(strips, fmax(at[0], fmax(at[1], at[2])));
+    const int64_t first = strip_of(strips, lesser(at[0], lesser(at[1], at[2])));
+    const int64_t last = strip_of(strips, greater(at[0], greater(at[1], at[2])));
     for (int64_t index = strips->ends[first]; index < strips->ends[last + 1]; index++) {
         const Node *node = room->nodes + strips->places[index];
         if (node->may_block && blocks(node, a, b, c))

@@ -1,5 +1,6 @@
 /* Where contours of two layers meet: the loops of noding.py that no array operation expresses. */
 
+#include "_bounds.h"
 #include "_lists.h"
 #include "_module.h"
 
@@ -59,7 +60,7 @@ static Edge edge_of(int64_t group, int64_t number, const double *start, const do
         edge.high[axis] = (start[axis] < end[axis] ? end[axis] : start[axis]) + touch;
         span[axis] = end[axis] - start[axis];
     }
-    edge.length = fmax(sqrt(span[0] * span[0] + span[1] * span[1]), DBL_MIN);
+    edge.length = greater(sqrt(span[0] * span[0] + span[1] * span[1]), DBL_MIN);
     for (int axis = 0; axis < 2; axis++)
         edge.tangent[axis] = span[axis] / edge.length;
     return edge;
@@ -75,8 +76,8 @@ static int narrow_axis(const Side *sides)
             for (Py_ssize_t place = 0; place < sides[which].count; place++) {
                 const Edge *edge = sides[which].edges + place;
                 widths += edge->high[axis] - edge->low[axis];
-                low = fmin(low, edge->low[axis]);
-                high = fmax(high, edge->high[axis]);
+                low = lesser(edge->low[axis], low);
+                high = greater(edge->high[axis], high);
             }
         }
         shares[axis] = widths / (high - low);
@@ -114,7 +115,7 @@ static double place_inside(const Edge *edge, const double *point, double touch)
 /* Tell whether signed distances from a line are clearly on either side of it. */
 static int are_opposite(double one, double other, double touch)
 {
-    return fmin(fabs(one), fabs(other)) > touch && (one > 0) != (other > 0);
+    return lesser(fabs(one), fabs(other)) > touch && (one > 0) != (other > 0);
 }
 
 static int add_contact(Contacts *found, const Edge *below, const Edge *above, double below_at,
