@@ -14,9 +14,11 @@ from momrec_core.rings import Rings, counts_of
 __all__ = ["Bands", "walk_bands"]
 
 POOR_MISFIT = 0.3  # bands above do not follow their contours' surface
-SLANT, STEPPED, SHIFTS = 1, 4, slice(5, 7)  # columns of what `expect` writes
-AREA, MISFIT = 0, 2  # columns of how bands fit
 WASTEFUL = 1.3  # times a stepped surface's area: a band above leads nowhere, a slanted one is below
+
+# Columns of what contours suggest of their band, and of how a band fits; see _bands.c.
+EXPECTATIONS, SLANT, STEPPED, SHIFTS = 7, 1, 4, slice(5, 7)
+FITS, AREA, MISFIT = 3, 0, 2
 
 
 def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
@@ -51,10 +53,11 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     S. P. Uselton, Optimal surface reconstruction from planar contours, 1977.
     """
     count = len(pairs)
-    expected, fits = np.empty((count, 7)), np.empty((count, 3))
+    expected, fits = np.empty((count, EXPECTATIONS)), np.empty((count, FITS))
     starts = np.full((count, 2), -1)
     rises = np.empty(counts_of(rings.first)[pairs].sum(), dtype=bool)
     expect(rings.points, rings.first, pairs, expected)
+    # Where there is no walk yet or a doubtful one, each way is tried, and kept if it fits better.
     walks = rings.points, rings.first, pairs, expected, starts, rises, fits
     greedy(*walks, np.zeros((count, 2)))
     least(*walks)
