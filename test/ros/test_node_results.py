@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -224,16 +225,14 @@ def test_results_come_at_the_publish_rate_and_the_last_view_always_has_one(graph
     graph.start(slices=8, publish_rate=RATE)
     recognitions = graph.listen("recognition", DiagnosticArray)
     publisher = graph.start_publisher()
-    views = iter(box_views(300))
-    stamps = iter(range(NANOSECONDS, 2 * NANOSECONDS))
+    stamps = range(NANOSECONDS, NANOSECONDS + 30)
+    views = zip(box_views(30), stamps, strict=True)
     sent = []
-
-    def publish_until_there_are_some():
-        sent.append(next(stamps))
-        publisher.publish(view_message(next(views), stamp=sent[-1]))
-        return len(recognitions.messages) >= 6
-
-    graph.until(publish_until_there_are_some, "six results")
+    for count in range(6):
+        graph.until(lambda count=count: len(recognitions.messages) >= count, f"{count} results")
+        for view, stamp in islice(views, 5):
+            publisher.publish(view_message(view, stamp=stamp))
+            sent.append(stamp)
     graph.until(
         lambda: last_stamps(recognitions.messages)["box"] == sent[-1], "a result of the last view"
     )
