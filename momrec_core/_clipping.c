@@ -103,6 +103,15 @@ static Regions laid_aside(Room *room)
                      (Py_ssize_t)room->before[2].count - 1};
 }
 
+/* Tell whether any plane is due for a step. */
+static int is_due(const Work *work, Py_ssize_t number)
+{
+    Py_ssize_t plane = 0;
+    while (plane < work->regions.count && work->done[plane] != number)
+        plane++;
+    return plane < work->regions.count;
+}
+
 static void free_outlines(Step *step)
 {
     for (Py_ssize_t which = 0; step->outlines && which < step->regions.count; which++)
@@ -123,6 +132,8 @@ static int clip_all(const Work *work, Room *room)
                && add_end(&room->regions, room->rings.count - 1);
     }
     for (Py_ssize_t number = 0; fits && number < work->count; number++) {
+        if (!is_due(work, number))
+            continue;
         const Regions from = laid_aside(room);
         Step *step = &work->steps[number];
         step->outlines = calloc((size_t)step->regions.count + 1, sizeof(Outline));
