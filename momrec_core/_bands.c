@@ -164,7 +164,8 @@ static Line line_of(const Path *path, double height, int is_backward, double *ro
 /* Take a step in all of a window: to the least areas so far, twice, add the triangles that rise or
  * run to each row. Write the least, and by how much rises are better, or not worse. */
 WIDE static void step_to(const Line *low, int64_t row, const Line *high, int64_t column,
-                    const double *restrict least, double *restrict next, double *restrict gains)
+                         const double *restrict least, double *restrict next,
+                         double *restrict gains)
 {
     const double *x = low->x + row, *y = low->y + row, *upright = low->upright + row;
     const double *edge_x = low->edge_x + row, *edge_y = low->edge_y + row;
@@ -487,15 +488,18 @@ static int are_walks(const Work *work)
     const uint8_t *rises = work->rises;
     for (Py_ssize_t band = 0; band < work->bands; band++) {
         int64_t counts[2], risen = 0;
+        uint8_t most = 0;
         for (int side = 0; side < 2; side++) {
             const int64_t start = work->starts[2 * band + side];
             counts[side] = count_of(work, work->pairs[2 * band + side]);
             if (start < 0 || start >= counts[side])
                 return 0;
         }
-        for (int64_t step = 0; step < counts[0] + counts[1]; step++)
-            risen += *rises++ != 0;
-        if (risen != counts[0])
+        for (int64_t step = 0; step < counts[0] + counts[1]; step++, rises++) {
+            risen += *rises;
+            most |= *rises;
+        }
+        if (risen != counts[0] || most > 1)
             return 0;
     }
     return 1;

@@ -343,8 +343,15 @@ def test_arrays_that_do_not_agree_are_refused(change, error):
 def test_only_walks_around_their_contours_are_improved():
     rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
     *inputs, _, _, fits = arrays_for(rings)
-    for starts, risen in (([[5, 0]], 5), ([[0, 4]], 5), ([[-1, 0]], 5), ([[0, 0]], 4)):
-        rises = np.arange(9) < risen
+    risen = np.arange(9) < 5
+    no_bools = np.array([[2, 1, 1, 1, 1, 0, 0, 0, 0], [2, 2, 1, 0, 0, 0, 0, 0, 0]], dtype=np.uint8)
+    for starts, rises in (
+        ([[5, 0]], risen),
+        ([[0, 4]], risen),
+        ([[-1, 0]], risen),
+        ([[0, 0]], np.arange(9) < 4),
+        *(([[0, 0]], rises) for rises in no_bools.view(bool)),
+    ):
         with pytest.raises(ValueError, match="arrays that agree"):
             least(*inputs, np.array(starts), rises, fits)
 
