@@ -11,6 +11,7 @@
 #define MOMREC_CLIPPING_H
 
 #include "_arrays.h"
+#include "_bounds.h"
 #include "_lists.h"
 #include "_plane.h"
 #include "_sorting.h"
@@ -21,8 +22,8 @@
 #include <string.h>
 
 enum { EDGES_A_CELL = 2, MOST_ROWS = 1000 }; /* of the grid in which edges are looked up */
-static const double MOST = 1e75;      /* of a coordinate: so that no product of four overflows */
-enum { RESULTS = 3 };     /* lists that regions are kept in */
+static const double MOST = 1e75; /* of a coordinate: so that no product of four overflows */
+enum { RESULTS = 3 }; /* lists that regions are kept in */
 
 /* Rings, one behind the other, and regions of rings, likewise; the inside is on their left. */
 typedef struct {
@@ -101,9 +102,6 @@ typedef struct {
 } Room;
 
 typedef enum { DONE, DOUBTFUL, NO_MEMORY } Outcome;
-
-static inline double lesser(double one, double other) { return one < other ? one : other; }
-static inline double greater(double one, double other) { return one > other ? one : other; }
 
 static inline int add_point(Room *room, const double *point)
 {

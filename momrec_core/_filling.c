@@ -255,8 +255,8 @@ static void lay_strips(Room *room)
     for (int64_t place = 0; place < room->node_count; place++)
         for (int axis = 0; axis < 2; axis++) {
             const double at = along(room->nodes + place, axis);
-            low[axis] = at < low[axis] ? at : low[axis];
-            high[axis] = at > high[axis] ? at : high[axis];
+            low[axis] = lesser(at, low[axis]);
+            high[axis] = greater(at, high[axis]);
         }
     Strips *strips = &room->strips;
     strips->axis = high[1] - low[1] > high[0] - low[0];

@@ -56,8 +56,8 @@ static Edge edge_of(int64_t group, int64_t number, const double *start, const do
     for (int axis = 0; axis < 2; axis++) {
         edge.start[axis] = start[axis];
         edge.end[axis] = end[axis];
-        edge.low[axis] = (start[axis] < end[axis] ? start[axis] : end[axis]) - touch;
-        edge.high[axis] = (start[axis] < end[axis] ? end[axis] : start[axis]) + touch;
+        edge.low[axis] = lesser(start[axis], end[axis]) - touch;
+        edge.high[axis] = greater(start[axis], end[axis]) + touch;
         span[axis] = end[axis] - start[axis];
     }
     edge.length = greater(sqrt(span[0] * span[0] + span[1] * span[1]), DBL_MIN);

@@ -6,14 +6,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { FEW_ITEMS = 32, ITEM_BYTES = 64 }; /* that are sorted by inserting one after the other */
+/* So many items, of so many bytes at the most, are sorted by inserting one after the other. */
+enum { FEW_ITEMS = 32, ITEM_BYTES = 64 };
 
 /* Sort as qsort does, and faster where items are few and the comparison is known here. */
 static inline void sort_items(void *items, size_t count, size_t size,
                               int (*compare)(const void *, const void *))
 {
     char *const begin = items;
-    char item[ITEM_BYTES];
+    double room[ITEM_BYTES / sizeof(double)]; /* aligned as the items are */
+    char *const item = (char *)room;
     if (count > FEW_ITEMS || size > ITEM_BYTES) {
         qsort(items, count, size, compare);
         return;
