@@ -12,6 +12,7 @@ from manifold3d import CrossSection, FillRule
 
 from momrec_core.knots import Knots, join_knots
 from momrec_core.layers import layers_of_sections, match_layers
+from momrec_core.noding import TOUCH
 from momrec_core.regions import Regions
 from momrec_core.tiling import tile
 
@@ -68,6 +69,18 @@ def test_a_hole_that_opens_is_closed_where_it_opens():
     assert mesh.euler_number == 2
     assert projected(mesh, True, HEIGHT, 2 * HEIGHT) == pytest.approx(400.0)
     assert mesh.volume == pytest.approx(HEIGHT * 400.0)
+
+
+def test_a_knot_that_cannot_be_joined_is_closed_below_and_above():
+    near = 0.8 * TOUCH  # corners at (40, 0) that lie on edges of each other, yet are further apart
+    low = np.array([[0.0, 0.0], [40.0, near], [40.0, 10.0], [0.0, 10.0]])
+    left = np.array([[0.0, 0.0], [15.0, 0.0], [15.0, 10.0], [0.0, 10.0]])
+    right = np.array([[25.0, 0.0], [40.0 - near, 0.0], [40.0, 10.0], [25.0, 10.0]])
+    below, above = CrossSection([low]), CrossSection([left, right])
+    mesh, _ = tiled(below, below, above, above)
+    assert mesh.is_watertight
+    assert mesh.body_count == 3
+    assert mesh.volume == pytest.approx(HEIGHT * (400.0 + 300.0), rel=1e-5)
 
 
 BELOW = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0], [0.0, 2.0]])
