@@ -43,7 +43,8 @@ static int add_rings(Room *room, const Regions *from, int64_t first, int64_t las
     double *copied = reserved(&room->points, begin + count, 2 * sizeof(double));
     if (copied == NULL)
         return 0;
-    memcpy(copied + 2 * begin, from->points + 2 * *ends, 2 * count * sizeof(double));
+    if (count > 0) /* else there may be no points at all, nowhere to copy them from */
+        memcpy(copied + 2 * begin, from->points + 2 * *ends, 2 * count * sizeof(double));
     room->points.count += count;
     for (int64_t ring = 0; ring < last - first; ring++)
         if (!add_end(&room->rings, begin + (size_t)(ends[ring + 1] - *ends)))
