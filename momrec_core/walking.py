@@ -43,8 +43,9 @@ def walk_bands(rings: Rings, pairs: NDArray[np.int64]) -> Bands:
     walk has crossed a notch or a spike, or the contours slide against each other. There the walk
     is improved to one of least area by dynamic programming (Fuchs et al.), in a window around it
     that follows it as long as the best in it is at its border: but for the wildest contours, that
-    is the best of all walks, in time linear in the vertices. Another greedy walk is tried with
-    the contours' centroids upon each other, and the one that fits best is kept.
+    is the best of all walks, in time linear in the vertices. Where that is still far off, another
+    greedy walk is tried with the contours' centroids upon each other. A later walk replaces an
+    earlier one if it fits clearly better.
 
     References
     ----------
