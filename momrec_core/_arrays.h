@@ -31,7 +31,29 @@ static inline void release_arrays(Py_buffer *views, int count)
         PyBuffer_Release(&views[--count]);
 }
 
-/* Get contiguous arrays of the expected kinds; return 0 with an error set if one is not. */
+/* Tell whether arrays share memory. */
+static inline int do_overlap(const Py_buffer *one, const Py_buffer *other)
+{
+    const uintptr_t begin = (uintptr_t)one->buf, other_begin = (uintptr_t)other->buf;
+    return one->len > 0 && other->len > 0 && begin < other_begin + (uintptr_t)other->len
+           && other_begin < begin + (uintptr_t)one->len;
+}
+
+/* Tell whether no output shares memory with another array: what has been checked must stay. */
+static inline int are_apart(const Py_buffer *views, const ArrayKind *kinds, int count)
+{
+    for (int out = 0; out < count; out++)
+        for (int other = 0; other < count && kinds[out].is_out; other++)
+            if (other != out && do_overlap(&views[out], &views[other])) {
+                PyErr_Format(PyExc_ValueError, "Expected %s to share no memory with %s",
+                             kinds[out].name, kinds[other].name);
+                return 0;
+            }
+    return 1;
+}
+
+/* Get contiguous arrays of the expected kinds, outputs apart from all others; return 0 with an
+ * error set if one is not. */
 static inline int get_arrays(PyObject *const *arguments, Py_ssize_t given, const ArrayKind *kinds,
                              int count, Py_buffer *views)
 {
@@ -52,7 +74,10 @@ static inline int get_arrays(PyObject *const *arguments, Py_ssize_t given, const
             return 0;
         }
     }
-    return 1;
+    if (are_apart(views, kinds, count))
+        return 1;
+    release_arrays(views, count);
+    return 0;
 }
 
 static inline void release_tables(Py_buffer *views, Py_ssize_t tables, int count)

@@ -368,6 +368,8 @@ static int is_consistent(const Py_buffer *views, const Py_buffer *step_views, Wo
     work->done = views[DONE_STEPS].buf;
     for (Py_ssize_t plane = 0; good && plane < work->regions.count; plane++)
         good = work->done[plane] >= 0;
+    for (Py_ssize_t array = 0; good && array < work->count * STEP_ARRAYS; array++)
+        good = !do_overlap(&views[DONE_STEPS], &step_views[array]);
     for (Py_ssize_t step = 0; good && step < work->count; step++)
         good = is_step(step_views + step * STEP_ARRAYS, work->regions.count, &work->steps[step]);
     return good;

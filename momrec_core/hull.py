@@ -266,7 +266,7 @@ class VisualHull:
             low, high = max(low, lowest), min(high, highest)
         if low >= high:
             return False
-        count = SEARCH_DENSITY * (len(previous) + 1)
+        count = SEARCH_DENSITY * (min(len(previous), self._count) + 1)
         finer = PlaneFamily.spread(family.frame, family.unit, low, high, count)
         levels = self._intersection(finer).levels(finer.offsets)
         if len(_occupied(levels[-1])) == 0:
@@ -288,12 +288,13 @@ class VisualHull:
 
     def _fit(self) -> None:
         """Lay the planes anew between the ends of what is left of the hull."""
-        family = self._require_family()
+        family, before = self._require_family(), self._state()
         occupied = _occupied(self._sections)
         points = self._sections.rings.points
         corner_low, corner_high = points.min(axis=0), points.max(axis=0)
         ends = self._find_ends(self._bracket(occupied), family.offsets[occupied[[0, -1]]])
         self._lay(corner_low, corner_high, ends)
+        self._go_back_if_missed(before)
 
     def _lay(
         self,
@@ -329,11 +330,19 @@ class VisualHull:
             high, high_inside = _narrow(high, high_inside, from_high, found[SEARCH_PLANES:])
         return low, high
 
+    def _state(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in SETTLED}
+
+    def _go_back_if_missed(self, before: dict[str, Any]) -> None:
+        """Take the planes from before where those laid since pass between the hull's pieces."""
+        if not self._sections.is_met.any():
+            self.__dict__.update(before)
+
     def _settled(self) -> PlaneFamily:
         """Return the planes as they suit the hull best, until the next view comes."""
         self._require_family()
         if self._gathering is None:
-            self._gathering = {name: getattr(self, name) for name in SETTLED}
+            self._gathering = self._state()
             self._settle()
         return self._require_family()
 
@@ -385,7 +394,7 @@ class VisualHull:
 
     def _turn_to(self, normal: NDArray[np.float64], pair: tuple[int, int] | None) -> None:
         """Lay the planes perpendicular to another normal, the common line of a pair or not."""
-        points = self._outlines(self._count)
+        points, before = self._outlines(self._count), self._state()
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         reach = (1 + MARGIN) * float(np.linalg.norm(points - middle, axis=1).max())
         self._family = PlaneFamily.through_sphere(middle, reach, normal, self._count)
@@ -394,6 +403,7 @@ class VisualHull:
         low, high = box.min(axis=0), box.max(axis=0)
         inside = np.array([low[2], high[2]])
         self._lay(low[:2], high[:2], self._find_ends(self._outside(inside), inside))
+        self._go_back_if_missed(before)
 
     def _outside(self, inside: NDArray[np.float64]) -> tuple[float, float]:
         """Return offsets that the hull does not reach, beyond two that it about reaches."""
@@ -426,7 +436,8 @@ class VisualHull:
         """Positions of the planes along the normal, metres, increasing; shape (slices,).
 
         They are the centres of equal slabs that fill the hull's extent, so that the sum of the
-        sections' areas times the spacing is the volume (midpoint rule).
+        sections' areas times the spacing is the volume (midpoint rule). Where so few would all
+        pass between the hull's pieces, they are others, which may be more and reach further.
         """
         family = self._settled()
         return family.offsets * family.unit
@@ -488,7 +499,7 @@ class VisualHull:
         for _ in range(EVENT_DEPTH):
             doubts = rounds[-1].doubts(largest)
             chosen = np.flatnonzero(doubts > doubtful)
-            room = MAX_LAYERS * self._count - len(rounds[-1].layers)
+            room = MAX_LAYERS * len(family.offsets) - len(rounds[-1].layers)
             if len(chosen) > room:
                 chosen = np.sort(np.argsort(-doubts, kind="stable")[:room])
             if not len(chosen):

@@ -309,6 +309,20 @@ def test_a_hull_thinner_than_the_spacing_is_not_lost():
     assert mesh.volume == pytest.approx(0.08, rel=1e-2)
 
 
+@pytest.mark.parametrize("count", [2, 6])
+def test_pieces_that_two_planes_would_pass_between_are_not_lost(count):
+    plates = shapely.MultiPolygon([shapely.box(-1, z, 1, z + 0.1) for z in (-1.0, -0.05, 0.9)])
+    hull = VisualHull(2)
+    for angle in np.pi / 2 * np.arange(count):
+        direction = (np.cos(angle), np.sin(angle), 0.0)
+        hull.add(View(Camera.orthographic(pose_towards(direction)), plates))
+    mesh = hull.mesh()
+    assert mesh.is_watertight
+    assert mesh.body_count == 3
+    assert mesh.volume == pytest.approx(1.2, rel=1e-2)
+    assert len(hull.sections) == len(hull.offsets)
+
+
 def test_cameras_level_with_the_object_cut_planes_through_their_centres():
     mesh = trimesh.creation.icosphere(3, radius=0.5)
     views = ring_of_cameras(mesh, 9, 0.0)

@@ -303,6 +303,21 @@ def test_arrays_that_do_not_fit_are_refused(name, value, error):
         clip({name: value})
 
 
+def test_steps_that_are_counted_where_outlines_are_chosen_are_refused():
+    done = np.array([0])
+    with pytest.raises(ValueError, match=r"^Expected"):
+        clip({"done": done, "chosen": done})
+
+
+def test_nothing_left_in_any_plane_stays_nothing():
+    arrays = list((GOOD | {"done": np.array([0]), "shifts": np.array([[5.0, 5.0]])}).values())
+    points, rings, regions = _clipping.clip(*arrays[:4], (tuple(arrays[4:]),) * 3, CLEARANCE)
+    assert points == b""
+    assert np.frombuffer(rings, dtype=np.int64).tolist() == [0]
+    assert np.frombuffer(regions, dtype=np.int64).tolist() == [0, 0]
+    assert arrays[3].tolist() == [3]
+
+
 def test_a_call_without_all_arguments_is_refused():
     arrays = list(GOOD.values())
     with pytest.raises(TypeError, match=r"^Expected 6 arguments"):

@@ -356,6 +356,14 @@ def test_only_walks_around_their_contours_are_improved():
             least(*inputs, np.array(starts), rises, fits)
 
 
+def test_results_that_share_memory_with_what_is_read_are_refused():
+    rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
+    arrays = arrays_for(rings)
+    arrays[4] = arrays[2]
+    with pytest.raises(ValueError, match="Expected starts to share no memory with pairs"):
+        greedy(*arrays, np.zeros((1, 2)))
+
+
 def test_only_doubtful_walks_are_replaced_and_only_by_those_that_fit_clearly_better():
     rings = pair_of(star(np.random.default_rng(1), 5), star(np.random.default_rng(2), 4))
     arrays = arrays_for(rings)
