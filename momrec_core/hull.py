@@ -379,7 +379,6 @@ class VisualHull:
         if coarseness[best] > share * coarseness[-1]:
             return False
         self._turn_to(lines[best], None if self.spare else pairs[best])
-        self._is_turned = True
         return True
 
     def _outlines(self, most: int) -> NDArray[np.float64]:
@@ -398,7 +397,7 @@ class VisualHull:
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         reach = (1 + MARGIN) * float(np.linalg.norm(points - middle, axis=1).max())
         self._family = PlaneFamily.through_sphere(middle, reach, normal, self._count)
-        self._pair = pair
+        self._pair, self._is_turned = pair, True
         box = self._family.to_planes(points)
         low, high = box.min(axis=0), box.max(axis=0)
         inside = np.array([low[2], high[2]])
