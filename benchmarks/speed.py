@@ -37,7 +37,7 @@ from replayed import replay_costs
 from rich.console import Console
 from rich.table import Table
 from speed_figure import draw_times
-from timing import interleaved, medians
+from timing import Contest, contested, medians
 from works import MaskedWork, blob_work, fine_mesh, polyhedra_works
 
 from momrec_core import (
@@ -96,47 +96,45 @@ def budget(figure: str, measured: float, bound: float, unit: str = "ms") -> Row:
 def hull_rows(rounds: int, times: dict[str, dict[str, float]]) -> Iterator[Row]:
     """Compare contours to closed mesh with the peers; `times` takes each work's, for a picture."""
     for name, work, slices in (("A", blob_work(10), 64), ("B", blob_work(36), 128)):
-        ways = _ways(work, slices, carves=name == "A")
-        solids = {way: measured(do()) for way, do in ways.items()}
-        times[name] = interleaved(ways, rounds)
+        ours = partial(_made, work.views, slices)
+        peers = _peers(work, carves=name == "A")
+        solids = {way: measured(do()) for way, do in {OURS: ours, **peers}.items()}
+        contest = contested(OURS, ours, peers, rounds)
+        times[name] = contest.times
         described = f"{len(work.views)} views, {slices} slices, {work.vertices:.0f} vertices"
-        yield from _compared(name, described, times[name], solids)
+        yield from _compared(name, described, contest, solids)
     works = polyhedra_works(10)
-    ways = {OURS: partial(_each, works, 64), EXACT: lambda: [by_manifold(w) for w in works]}
-    times["C"] = interleaved(ways, rounds)
-    yield from _compared("C", "ten polyhedra, 10 views, 64 slices", times["C"], {})
+    exact = {EXACT: lambda: [by_manifold(w) for w in works]}
+    contest = contested(OURS, lambda: [_made(views, 64) for views in works], exact, rounds)
+    times["C"] = contest.times
+    yield from _compared("C", "ten polyhedra, 10 views, 64 slices", contest, {})
 
 
-def _ways(work: MaskedWork, slices: int, *, carves: bool) -> dict[str, Callable[[], Made]]:
-    ways: dict[str, Callable[[], Made]] = {
-        OURS: lambda: reconstruct(work.views, slices).mesh(),
-        EXACT: lambda: by_manifold(work.views),
-    }
+def _peers(work: MaskedWork, *, carves: bool) -> dict[str, Callable[[], Made]]:
+    peers: dict[str, Callable[[], Made]] = {EXACT: lambda: by_manifold(work.views)}
     if carves:
-        ways[VOXELS] = lambda: by_voxels(work)
-        ways[REJECTED] = lambda: by_rejected_voxels(work)
-        ways[CARVED] = lambda: by_open3d(work)
-    return ways
+        peers[VOXELS] = lambda: by_voxels(work)
+        peers[REJECTED] = lambda: by_rejected_voxels(work)
+        peers[CARVED] = lambda: by_open3d(work)
+    return peers
 
 
-def _each(works: Sequence[Sequence[View]], slices: int) -> list[trimesh.Trimesh]:
-    return [reconstruct(views, slices).mesh() for views in works]
+def _made(views: Sequence[View], slices: int) -> trimesh.Trimesh:
+    return reconstruct(views, slices).mesh()
 
 
 def _compared(
-    name: str, described: str, times: Mapping[str, float], solids: Mapping[str, Solid]
+    name: str, described: str, contest: Contest, solids: Mapping[str, Solid]
 ) -> Iterator[Row]:
-    yield Row(f"{name}: contours to mesh ({described})", f"{times[OURS]:.1f} ms")
-    for peer, time in times.items():
-        if peer != OURS:
-            bound = FASTER.get(name, {}).get(peer, 0.0)
-            ratio = time / times[OURS]
-            yield Row(
-                f"{name}: faster than {peer} ({time:.0f} ms)",
-                f"{ratio:.1f} x",
-                f"{bound:g} x" if bound else "",
-                ratio >= bound,
-            )
+    yield Row(f"{name}: contours to mesh ({described})", f"{contest.times[OURS]:.1f} ms")
+    for peer, ratio in contest.ratios.items():
+        bound = FASTER.get(name, {}).get(peer, 0.0)
+        yield Row(
+            f"{name}: faster than {peer} ({contest.times[peer]:.0f} ms)",
+            f"{ratio:.1f} x",
+            f"{bound:g} x" if bound else "",
+            ratio >= bound,
+        )
     for way, solid in solids.items():
         if way == EXACT:
             continue

@@ -3,20 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from time import perf_counter
-from typing import TypeVar
 
 import numpy as np
 
-__all__ = ["interleaved", "medians", "seconds"]
+__all__ = ["Contest", "contested", "medians", "seconds"]
 
 MILLISECONDS = 1000.0
-Name = TypeVar("Name")
 
 
-def interleaved(works: Mapping[Name, Callable[[], object]], rounds: int) -> dict[Name, float]:
-    """Return the median time of each work in milliseconds, after one round to warm up."""
-    return dict(zip(works, medians(list(works.values()), rounds), strict=True))
+@dataclass(frozen=True)
+class Contest:
+    """Times of a work and of others that do the same.
+
+    Attributes
+    ----------
+    times : dict
+        Median time of each, milliseconds.
+    ratios : dict
+        Of each of the others: how many times as long it takes, the median of the rounds.
+    """
+
+    times: dict[str, float]
+    ratios: dict[str, float]
+
+
+def contested(
+    name: str, work: Callable[[], object], others: Mapping[str, Callable[[], object]], rounds: int
+) -> Contest:
+    """Time a work between any two others, after one round to warm up.
+
+    Each of the others is compared with the work right before and right after it: a processor
+    changes its pace within seconds, and a work of milliseconds timed once a round would meet
+    another pace than the others.
+    """
+    ours, theirs = [seconds(work)], []
+    for _ in range(rounds + 1):
+        for other in others.values():
+            theirs.append(seconds(other))
+            ours.append(seconds(work))
+    between = (np.array(ours[:-1]) + ours[1:]) / 2
+    shape = rounds + 1, len(others)
+    taken = np.reshape(theirs, shape)[1:]
+    ratios = np.median(taken / between.reshape(shape)[1:], axis=0)
+    own_times = ours[1 + len(others) :]
+    times = {name: MILLISECONDS * float(np.median(own_times))}
+    times |= zip(others, (MILLISECONDS * np.median(taken, axis=0)).tolist(), strict=True)
+    return Contest(times, dict(zip(others, ratios.tolist(), strict=True)))
 
 
 def medians(works: Sequence[Callable[[], object]], rounds: int) -> list[float]:
