@@ -93,21 +93,19 @@ def budget(figure: str, measured: float, bound: float, unit: str = "ms") -> Row:
 # --- contours to a closed mesh --------------------------------------------------------------
 
 
-def hull_rows(rounds: int, times: dict[str, dict[str, float]]) -> Iterator[Row]:
-    """Compare contours to closed mesh with the peers; `times` takes each work's, for a picture."""
+def hull_rows(rounds: int, contests: dict[str, Contest]) -> Iterator[Row]:
+    """Compare contours to closed mesh with the peers; `contests` takes each work's, for a picture."""
     for name, work, slices in (("A", blob_work(10), 64), ("B", blob_work(36), 128)):
         ours = partial(_made, work.views, slices)
         peers = _peers(work, carves=name == "A")
         solids = {way: measured(do()) for way, do in {OURS: ours, **peers}.items()}
-        contest = contested(OURS, ours, peers, rounds)
-        times[name] = contest.times
+        contests[name] = contested(OURS, ours, peers, rounds)
         described = f"{len(work.views)} views, {slices} slices, {work.vertices:.0f} vertices"
-        yield from _compared(name, described, contest, solids)
+        yield from _compared(name, described, contests[name], solids)
     works = polyhedra_works(10)
     exact = {EXACT: lambda: [by_manifold(w) for w in works]}
-    contest = contested(OURS, lambda: [_made(views, 64) for views in works], exact, rounds)
-    times["C"] = contest.times
-    yield from _compared("C", "ten polyhedra, 10 views, 64 slices", contest, {})
+    contests["C"] = contested(OURS, lambda: [_made(w, 64) for w in works], exact, rounds)
+    yield from _compared("C", "ten polyhedra, 10 views, 64 slices", contests["C"], {})
 
 
 def _peers(work: MaskedWork, *, carves: bool) -> dict[str, Callable[[], Made]]:
@@ -281,9 +279,9 @@ def main() -> int:
     parser.add_argument("--output", type=Path, help="folder for speed.md and speed.png")
     parser.add_argument("--only", default=",".join(SECTIONS), help="of " + ", ".join(SECTIONS))
     options = parser.parse_args()
-    times: dict[str, dict[str, float]] = {}
+    contests: dict[str, Contest] = {}
     sections: dict[str, Callable[[], Iterator[Row]]] = {
-        "hull": lambda: hull_rows(options.rounds, times),
+        "hull": lambda: hull_rows(options.rounds, contests),
         "parts": lambda: part_rows(options.rounds),
         "node": node_rows,
         "replay": replay_rows,
@@ -297,8 +295,8 @@ def main() -> int:
     Console().print(_table(rows))
     if options.output:
         (options.output / "speed.md").write_text(_markdown(rows), encoding="utf-8")
-        if times:
-            draw_times(times, options.output / "speed.png")
+        if contests:
+            draw_times(contests, options.output / "speed.png")
     return 0 if all(row.is_met for row in rows) else 1
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from timing import Contest
 
 from momrec_ros.drawing import BLUE, FAINT, INK, ORANGE, blank_figure, save_figure
 
 __all__ = ["Growth", "draw_growth", "draw_times"]
 
 ROW = 0.36  # inches
-OURS = "momrec"
 TITLES = {
     "A": "A: 10 views, 64 slices",
     "B": "B: 36 views, 128 slices",
@@ -22,35 +22,36 @@ TITLES = {
 }
 
 
-def draw_times(times: Mapping[str, Mapping[str, float]], path: Path) -> None:
+def draw_times(contests: Mapping[str, Contest], path: Path) -> None:
     """Draw how long each way takes from contours to a solid, a panel for each work.
 
     Parameters
     ----------
-    times : mapping
-        Work to way to milliseconds.
+    contests : mapping
+        Work to the times of each way.
     path : Path
         The PNG to write.
     """
-    counts = [len(ways) for ways in times.values()]
+    counts = [len(contest.times) for contest in contests.values()]
     height = ROW * sum(counts) + 0.55 * len(counts) + 0.75
     figure = blank_figure(8.0, height)
     panels = figure.subplots(len(counts), 1, sharex=True, height_ratios=counts, squeeze=False)
     figure.subplots_adjust(left=0.3, right=0.96, top=1 - 0.4 / height, bottom=0.6 / height)
     figure.subplots_adjust(hspace=0.55)
-    for axes, (name, ways) in zip(panels[:, 0], times.items(), strict=True):
-        ordered = sorted(ways.items(), key=lambda item: -item[1])
-        colors = [BLUE if way == OURS else FAINT for way, _ in ordered]
-        bars = axes.barh([way for way, _ in ordered], [time for _, time in ordered], color=colors)
-        ours = ways[OURS]
+    longest = max(max(contest.times.values()) for contest in contests.values())
+    for axes, (name, contest) in zip(panels[:, 0], contests.items(), strict=True):
+        ways = sorted(contest.times, key=lambda way: -contest.times[way])
+        colors = [FAINT if way in contest.ratios else BLUE for way in ways]
+        bars = axes.barh(ways, [contest.times[way] for way in ways], color=colors)
         labels = [
-            f"{time:.0f} ms" + ("" if way == OURS else f"   {time / ours:.2g} x")
-            for way, time in ordered
+            f"{contest.times[way]:.0f} ms"
+            + (f"   {contest.ratios[way]:.2g} x" if way in contest.ratios else "")
+            for way in ways
         ]
         axes.bar_label(bars, labels, padding=4, color=INK, fontsize=10)
         axes.set_title(TITLES[name], loc="left", fontsize=11, color=INK)
         axes.set_xscale("log")
-        axes.set_xlim(10, 4 * max(max(ways.values()) for ways in times.values()))
+        axes.set_xlim(10, 6 * longest)
         axes.spines[["top", "right"]].set_visible(False)
     panels[-1, 0].set_xlabel("milliseconds from silhouettes to a solid, median")
     save_figure(figure, path)
