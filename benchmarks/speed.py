@@ -94,7 +94,7 @@ def budget(figure: str, measured: float, bound: float, unit: str = "ms") -> Row:
 
 
 def hull_rows(rounds: int, contests: dict[str, Contest]) -> Iterator[Row]:
-    """Compare contours to closed mesh with the peers; `contests` takes each work's, for a picture."""
+    """Compare contours to closed mesh with the peers; `contests` takes the times, for a picture."""
     for name, work, slices in (("A", blob_work(10), 64), ("B", blob_work(36), 128)):
         ours = partial(_made, work.views, slices)
         peers = _peers(work, carves=name == "A")
