@@ -52,6 +52,14 @@ static int add_rings(Room *room, const Regions *from, int64_t first, int64_t las
     return 1;
 }
 
+/* Add a region as it is. */
+static int add_region(Room *room, const Regions *from, int64_t region)
+{
+    const int64_t *rings = from->regions + region;
+    return add_rings(room, from, rings[0], rings[1])
+           && add_end(&room->regions, room->rings.count - 1);
+}
+
 /* Clip the region of one plane in a step; leave the room as it was if that is doubtful. */
 static Outcome clip_plane(const Work *work, Room *room, const Regions *from, const Step *step,
                           Py_ssize_t plane)
@@ -83,8 +91,8 @@ static int clip_step(const Work *work, Room *room, const Regions *from, Py_ssize
             outcome = clip_plane(work, room, from, &work->steps[number], plane);
         work->done[plane] += outcome == DONE;
         if (outcome == NO_MEMORY
-            || (outcome == DOUBTFUL && !add_rings(room, from, rings[0], rings[1]))
-            || !add_end(&room->regions, room->rings.count - 1))
+            || (outcome == DOUBTFUL && !add_region(room, from, plane))
+            || (outcome == DONE && !add_end(&room->regions, room->rings.count - 1)))
             return 0;
     }
     return 1;
@@ -127,11 +135,8 @@ static void free_outlines(Step *step)
 static int clip_all(const Work *work, Room *room)
 {
     int fits = begin_results(room);
-    for (Py_ssize_t plane = 0; fits && plane < work->regions.count; plane++) {
-        const int64_t *rings = work->regions.regions + plane;
-        fits = add_rings(room, &work->regions, rings[0], rings[1])
-               && add_end(&room->regions, room->rings.count - 1);
-    }
+    for (Py_ssize_t plane = 0; fits && plane < work->regions.count; plane++)
+        fits = add_region(room, &work->regions, plane);
     for (Py_ssize_t number = 0; fits && number < work->count; number++) {
         if (!is_due(work, number))
             continue;
@@ -210,11 +215,8 @@ static int simplify_all(const Regions *regions, double tolerance, Room *room)
 static int add_chosen(const Regions *from, const int64_t *chosen, Py_ssize_t count, Room *room)
 {
     int fits = begin_results(room);
-    for (Py_ssize_t place = 0; fits && place < count; place++) {
-        const int64_t *ends = from->regions + chosen[place];
-        fits = add_rings(room, from, ends[0], ends[1])
-               && add_end(&room->regions, room->rings.count - 1);
-    }
+    for (Py_ssize_t place = 0; fits && place < count; place++)
+        fits = add_region(room, from, chosen[place]);
     return fits;
 }
 
