@@ -426,12 +426,13 @@ class RecognizerNode(LifecycleNode):
         for subscription in self._inputs.values():
             for other in self.get_publishers_info_by_topic(subscription.topic_name):
                 mismatch = _mismatch(other, subscription.qos_profile, subscription.msg_type)
-                told = (tuple(other.endpoint_gid), owner_of(other))
+                owner = owner_of(other)
+                told = (tuple(other.endpoint_gid), owner)
                 if mismatch and told not in self._told_publishers:
                     self._told_publishers.add(told)
                     self.get_logger().warning(
                         f"nothing comes from the publisher of {subscription.topic_name} in "
-                        f"{owner_of(other)}: {mismatch}"
+                        f"{owner}: {mismatch}"
                     )
 
 
